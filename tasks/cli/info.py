@@ -39,6 +39,8 @@ def info(
 
     if not path.exists():
         raise SequenceError(f"{path}: no such file or folder")
+    if (format, reading) != (None, AS_STORED):
+        raise SequenceError(f"{path}: found options for files of events, expected a file")
     sequence = open_sequence(path)
     manifest = sequence.manifest
     start_s, end_s = sequence.window_s

@@ -86,15 +86,14 @@ def study(
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
+    from tasks.study.config import preset as find_preset
     from tasks.study.config import (
-        check_compares,
         with_method,
         with_photoreceptors,
         with_resolution,
         with_scenes,
         with_weights,
     )
-    from tasks.study.config import preset as find_preset
     from tasks.study.report import write_report
     from tasks.study.report.finished_run import read_run
     from tasks.study.run import run_study
@@ -118,7 +117,6 @@ def study(
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
-    check_compares(asked)
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
     run = read_run(out)

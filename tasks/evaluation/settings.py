@@ -315,7 +315,7 @@ class Video(NetworkSettings):
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
-        return replace(self, methods=methods, every_s=window_s)
+        return replace(self, methods=methods, run_in_s=0.0, duration_s=window_s, every_s=window_s)
 
 
 class Evaluate(Mapping[str, TaskSettings]):

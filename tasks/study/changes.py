@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from eres_render.errors import check_positive
 from sensor.model import Photoreceptor
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, NetworkSettings
@@ -63,8 +64,9 @@ def with_resolution(study: Study, resolution: int) -> Study:
     Raises
     ------
     StudyError
-        All its sensors are finer.
+        All its sensors are finer, or the side is not positive.
     """
+    check_positive("--resolution", resolution, StudyError)
     render, simulate = study.render, study.simulate
     height = None if render.height is None else render.height_at(resolution)
     render = replace(render, resolution=resolution, height=height)

@@ -14,7 +14,6 @@ from tasks.study.settings import (
     Render,
     Simulate,
     Study,
-    check_compares,
     to_json,
 )
 
@@ -30,7 +29,6 @@ __all__ = [
     "Study",
     "Tracking",
     "Video",
-    "check_compares",
     "digest",
     "preset",
     "to_json",

@@ -47,10 +47,10 @@ class StudySensor:
         The sensor in each light of the study. Dark level and cutoff reference are fractions of the
         white level.
     own
-        Lists of the study that the sensor overrides with a value of its own: "contrast_thresholds",
-        "photoreceptors".
+        Settings of the study that the sensor overrides with a value of its own:
+        "contrast_thresholds", "photoreceptors", "bus".
     readout
-        Its bus; None for the study's bus.
+        Its bus, None for no bus; that of the study counts unless `own` has "bus".
     """
 
     name: str
@@ -213,6 +213,8 @@ def read_sensor(
         own.append("contrast_thresholds")
     if pixel.photoreceptor or pixel.cutoff_follows_light or "photoreceptor" in known:
         own.append("photoreceptors")
+    if bus.bus is not None:
+        own.append("bus")
     return StudySensor(
         name=body.name or name or body.sensor or f"{plain.width}x{plain.height}",
         in_light=models,

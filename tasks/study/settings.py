@@ -403,33 +403,6 @@ def _check_numbers(section: str, values: Any) -> None:
                 raise StudyError(f"{place}: found {value}, expected 0 or more")
 
 
-def check_compares(study: Study) -> None:
-    """Refuse a study of do-nothing methods alone, of which there is nothing to report.
-
-    Parameters
-    ----------
-    study
-        The study, with all of its methods.
-
-    Raises
-    ------
-    StudyError
-        Names the methods.
-    """
-    asked = [
-        (task, name)
-        for task, settings in study.evaluate.items()
-        for planned in settings.plan().values()
-        for name in planned.methods
-    ]
-    if all(name == TASKS[task].baseline for task, name in asked):
-        listed = " and ".join(dict.fromkeys(name for _, name in asked))
-        raise StudyError(
-            f"evaluate: found {listed or 'no methods'}, expected at least one method that uses the "
-            "events"
-        )
-
-
 def to_json(study: Study) -> dict[str, Any]:
     """Return the study as plain JSON values; inf becomes "inf"."""
     values: dict[str, Any] = json_values(study, optional=_LEFT_OUT_IF_NOT_GIVEN)

@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -154,6 +155,22 @@ def test_a_mean_over_scenes_is_the_papers() -> None:
     """3.18 dB in ideal light and 0.86 dB by day, from rows with the paper's medians."""
     assert "mean of 3 scenes: +3.18 [+3.18, +3.18] dB" in verdict(3, paper_rows()).ours
     assert "mean of 3 scenes: +0.86 [+0.86, +0.86] dB" in verdict(4, paper_rows()).ours
+
+
+def test_a_mean_over_scenes_is_printed_as_the_number_is() -> None:
+    """Promise: a claim's own unit, format and scenes; the paper, without event rates, has none."""
+    own = SceneClaim(
+        number=99,
+        title="Events per second",
+        statement="The finest sensor fires events.",
+        series=EI,
+        text="{rate}",
+        numbers={"rate": Number(event_rate(1280, math.inf), unit="events/s", decimals=0, sign="")},
+        mean="rate",
+        scenes=("carpet", "rocks"),
+    )
+    (found,) = judge_all(paper_rows(), {}, [own])
+    assert re.search(r"mean of 2 scenes: \d+ \[\d+, \d+\] events/s$", found.ours), found.ours
 
 
 def test_the_bootstrap_is_paired_and_seeded() -> None:

@@ -124,6 +124,22 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
     assert setting.readout.max_rate_hz == 5e5
 
 
+def test_a_sensor_may_have_another_bus_than_the_study_or_none(tmp_path) -> None:
+    """Promise: `bus` in a sensor's table counts, also where it is unlimited."""
+    sensors = ", ".join(
+        f'{{name = "{name}", width = {width}{bus}}}'
+        for name, width, bus in (
+            ("usual", 346, ""),
+            ("fast", 240, ", bus = 20"),
+            ("free", 128, ', bus = "unlimited"'),
+        )
+    )
+    study = read(tmp_path, f"widths = []\nbus_mev_s = 12.0\nsensors = [{sensors}]")
+    settings = jobs_of(study, load_scene("carpet"))[0].settings(1)
+    buses = {one.name: one.readout and one.readout.max_rate_hz for one in settings}
+    assert buses == {"usual": 12e6, "fast": 20e6, "free": None}
+
+
 def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path) -> None:
     """Physics: windows are 50 ms of base time, so at 9 m/s, ten times the carpet's speed, 5 ms."""
     fast, slow = (read(tmp_path, f"bus_mev_s = 1e-4\nspeeds_m_s = [{v}]", QUIET) for v in (9, 0.45))
@@ -451,4 +467,5 @@ def test_sensors_of_two_shapes_are_one_job(run):
     assert sorted(file.stem for file in (run / "costs").iterdir()) == sorted(jobs)
     for one in read_timings(run / "costs", jobs):
         assert one.frames == 2 * one.rendered_frames > 0  # read for each shape
+        assert (one.resolution, one.height) == (64, 64)
         assert one.sensors == 5 * (1 + 2)  # ideal, and 100 lux with both photoreceptors

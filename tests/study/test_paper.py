@@ -128,7 +128,7 @@ def test_a_cell_that_the_paper_lacks_is_none() -> None:
     assert published("carpet", *EI, 1280, INF, 10.0, "psnr_db") is None
     assert published("carpet", *EI, 512, INF, 1.0, "psnr_db") is None
     assert published("rocks", "video", "e2vid", 640, INF, 1.0, "psnr_db") is None
-    assert source("reconstruction", "no_events") is None
+    assert source("reconstruction", "no_events", [1.0]) is None
 
 
 def test_the_printed_margins_of_the_text_follow_from_the_table() -> None:
@@ -150,5 +150,8 @@ def test_the_printed_margins_of_the_text_follow_from_the_table() -> None:
 
 def test_the_source_of_a_method_is_its_table() -> None:
     """Each method has the table of its numbers."""
-    assert source(*EI) == "Table 6"
-    assert source("tracking", "photometric_tracking") == "Table 10"
+    assert source(*EI, [1.0, 2.0]) == "Table 6"
+    assert source("tracking", "photometric_tracking", [4 / 3]) == "Table 10"
+    assert source("flow", "photometric_flow", [1.0]) == "Table 8"
+    assert source("flow", "photometric_flow", [10.0]) == "Table 9"
+    assert source("flow", "photometric_flow", [3.0]) is None

@@ -142,10 +142,14 @@ def test_names_are_no_formulas_and_settings_are_read_as_they_are_written(tmp_pat
 def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     """Promise: a report replaces its own tables; a file of the user's beside them stays."""
     run = make_run(tmp_path, paper_rows(samples=1))
-    for name in ("tables_mine.csv", "tables_v2e.csv"):
+    (run / "figures").mkdir()
+    former = "figures/tradeoff_former.png"
+    for name in ("tables_mine.csv", "tables_v2e.csv", "figures/mine.png", former):
         (run / name).write_text("from elsewhere")
     page_of(run)
-    assert (run / "tables_mine.csv").read_text() == "from elsewhere"
+    for name in ("tables_mine.csv", "figures/mine.png"):
+        assert (run / name).read_text() == "from elsewhere"
+    assert not (run / former).exists()
     assert not (run / "tables_v2e.csv").exists()
 
 

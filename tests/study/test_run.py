@@ -38,6 +38,7 @@ from tasks.study.config import (
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
 from tasks.study.run import frame_cache, local, run_study
+from tasks.study.run.compute import ComputedJob
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
 from tasks.study.run.run_study import _scenes
@@ -219,7 +220,7 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
 
 def test_two_names_of_one_scene(scene_folder, tmp_path):
     """Promise: a study has each scene once, as its content identifies jobs; a copy of a folder has
-    its own frames and its own name in the rows."""
+    its own frames and its own name in the rows, also in the folder of a run on the other."""
     for name in ("alpha", "beta"):
         shutil.copytree(scene_folder, tmp_path / name)
     study = replace(tiny_study(scene_folder), evaluate=Evaluate(flow=Flow(methods=())))
@@ -228,7 +229,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     with pytest.raises(StudyError, match="scenes: found 'alpha' and 'beta' with the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
     for name in names:
-        rows = run_study(replace(study, scenes=(name,)), tmp_path / f"run {Path(name).name}")
+        rows = run_study(replace(study, scenes=(name,)), tmp_path / "run")
         assert {row.scene for row in rows} == {Path(name).name}
 
 
@@ -240,18 +241,31 @@ def test_a_stopped_study_does_not_describe_the_rows_of_another(
     run = tmp_path / "run"
     shutil.copytree(finished[0], run)
     before = (run / "study.json").read_bytes()
-    other = tiny_study(scene_folder)
-    other = replace(other, simulate=replace(other.simulate, contrast_thresholds=(0.4,)))
+    begun = json.loads((run / "environment.json").read_text())
+    computed = []
 
-    def stop(*args, **options):
-        raise KeyboardInterrupt
+    def stop_after_one(job, *rest, **options):
+        if computed:
+            raise KeyboardInterrupt
+        computed.append(job)
+        return ComputedJob(finished[1][:1], {}, {"code": "git 0123"})
 
+    study = tiny_study(scene_folder)
     with monkeypatch.context() as patch:
-        patch.setattr(local, "compute_job", stop)
+        patch.setattr(local, "compute_job", stop_after_one)
+        patch.setattr("sys.argv", ["eres", "study", "other"])
         with pytest.raises(KeyboardInterrupt):
-            run_study(other, run)
+            run_study(with_threshold(study, 0.4), run)
     assert (run / "study.json").read_bytes() == before
     assert read_rows(run / "rows.parquet") == finished[1]
+    both = {**begun, "code": f"{begun['code']}; git 0123"}
+    assert json.loads((run / "environment.json").read_text()) == both
+    assert run_study(study, run) == finished[1]
+
+
+def with_threshold(study, contrast_threshold):
+    sensors = replace(study.simulate, contrast_thresholds=(contrast_threshold,))
+    return replace(study, simulate=sensors)
 
 
 def with_flow(study, settings):
@@ -452,6 +466,8 @@ def test_a_run_is_not_continued_with_another_renderer(
     here = json.loads(file.read_text())
     file.write_text(json.dumps(here | {name: before}))
     assert run_study(study, run) == finished[1]  # nothing is left to compute
+    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
+        run_study(with_threshold(study, 0.4), run)  # nor between studies in one folder
     next((run / "parts").iterdir()).unlink()
     with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
         run_study(study, run)

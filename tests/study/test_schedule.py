@@ -16,6 +16,8 @@ from functools import partial
 
 import pytest
 from distributed import LocalCluster
+from hypothesis import given
+from hypothesis import strategies as st
 
 from another_process import environment
 from eres_render import load_scene
@@ -40,7 +42,7 @@ from tasks.study.run import cluster as cluster_module
 from tasks.study.run import local as local_module
 from tasks.study.run import run_study
 from tasks.study.run.compute import ComputedJob
-from tasks.study.run.estimate import estimate_job
+from tasks.study.run.estimate import JobEstimate, estimate_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
 from tasks.study.run.scheduler import open_scheduler
 
@@ -218,6 +220,26 @@ def test_a_job_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monke
 def queued_jobs(scene_folder):
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     return [QueuedJob(job, job.key, False) for job in work]
+
+
+@given(
+    st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3)), min_size=2, max_size=6),
+)
+def test_progress_never_goes_back(stages_s) -> None:
+    """Promise: not by a rounding either, as the elapsed time would start again at 0."""
+    jobs = [JobEstimate(1, 1.0, *lengths_s) for lengths_s in stages_s]
+    before_s, total_s, seen = 0.0, sum(one.core_s for one in jobs), []
+
+    def seen_at(stage, done, of, /):
+        seen.append(done)
+
+    for one in jobs:
+        seen.append(before_s)
+        on_job = local_module._within(seen_at, one, before_s, total_s)
+        for stage in ("simulating", "scoring", "scoring"):
+            on_job(stage, 75, 75)
+        before_s += one.core_s
+    assert seen == sorted(seen)
 
 
 def nothing_computed(job, on_progress, *, with_highlights):

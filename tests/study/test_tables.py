@@ -23,7 +23,7 @@ from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores, base_speed
-from tasks.study.results.words import PACKAGED, BaseSpeeds
+from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label
 
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:
@@ -264,6 +264,31 @@ def test_failed_items_count_and_are_shown() -> None:
         "",
     )
     assert Scores(flow_rows()).failures(series) == {"n events": 1}
+
+
+def test_a_line_of_the_csv_is_written_once() -> None:
+    """Promise: doing nothing has one line however many methods are compared with it; a camera's
+    own cutoff in lux is not that of plain sensors."""
+    rows = [*flow_rows(), *(replace(r, method="contrast_maximization") for r in flow_rows()[:3])]
+    scores = Scores(rows)
+    tables = [comparison_table(scores, series) for series in scores.series()]
+    written = list(csv.DictReader(io.StringIO(to_csv(tables))))
+    assert sorted(line["method"] for line in written) == [
+        *("contrast_maximization", "initial_flow", "photometric_flow")
+    ]
+    lit = {"illuminance_lux": 150.0, "cutoff_hz": 100.0, "sensor": "mine", "width": 346}
+    (table,) = main_tables(Scores([replace(r, **lit) for r in flow_rows()]))
+    line, *_ = csv.DictReader(io.StringIO(to_csv([table])))
+    assert (line["sensor"], line["illuminance_lux"], line["cutoff_hz"]) == ("mine", "150.0", "")
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "text"),
+    [(0.0, "0.00"), (4.2, "0.0000042"), (12_300.0, "0.012"), (4.321e5, "0.43"), (1.2e9, "1200")],
+)
+def test_rates_have_digits_at_any_size(rate_hz: float, text: str) -> None:
+    """Promise: the rate of a coarse sensor in little light is not printed as 0."""
+    assert rate_label(rate_hz) == text
 
 
 def test_variants_are_series_of_their_own() -> None:

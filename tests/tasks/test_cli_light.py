@@ -46,6 +46,8 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert "mine, continuous" in out
     assert "0.0000 to 0.4000 s" in out
     assert "m/s on average" in out
+    said = f"{sequence.folder}: found options for files of events, expected a file"
+    refused(eres, tmp_path / "none", said, "info", sequence.folder, "--format", "npz")
 
     code, out, _ = eres(
         "truth", sequence.folder, "--out", tmp_path / "truth", "--width", "20", "--step", "0.15",

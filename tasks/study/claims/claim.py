@@ -203,11 +203,15 @@ class SceneClaim(Claim):
         number = self.numbers.get(self.mean)
         if not isinstance(number, Number):
             return []
-        every = [SceneScores(scores, series, scene) for scene in scores.scenes(series)]
+        scenes = [one for one in scores.scenes(series) if one in (self.scenes or [one])]
+        every = [SceneScores(scores, series, scene) for scene in scenes]
         found = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
         if len(found) < 2:
             return []
-        mean = estimated(number.statistic, *found).text(unit=found[0].metric.unit)
+        try:
+            mean = number.text_of(estimated(number.statistic, *found), found[0].metric)
+        except NotMeasured:
+            return []
         return [f"mean of {len(found)} scenes: {mean}"]
 
     def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:

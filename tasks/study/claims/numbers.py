@@ -224,8 +224,7 @@ class Number:
 
     def __call__(self, on: SceneScores) -> Reading:
         found = estimated(self.statistic, on)
-        unit = on.metric.unit if self.unit is None else self.unit
-        text = found.text(self.decimals, self.sign, unit)
+        text = self.text_of(found, on.metric)
         bound = self.below if self.above is None else self.above
         if bound is None:
             return Reading(text)
@@ -239,6 +238,23 @@ class Number:
             doubt = ", tied in these samples" if tied else ", not settled by these samples"
         status = settled(found, above=above, bound=bound)
         return Reading(text + doubt, status, self._like_paper(found, on))
+
+    def text_of(self, found: Estimate, metric: Metric) -> str:
+        """Format an estimate of the number.
+
+        Parameters
+        ----------
+        found
+            The estimate.
+        metric
+            Its unit is printed if the number has none of its own.
+
+        Returns
+        -------
+        str
+            Value, interval and unit.
+        """
+        return found.text(self.decimals, self.sign, metric.unit if self.unit is None else self.unit)
 
     def _like_paper(self, ours: Estimate, on: SceneScores) -> bool | None:
         """Return whether the paper's number is within our interval."""

@@ -17,8 +17,9 @@ from tasks.study.results.perturbation import (
 )
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import MISSING, share_text
+from tasks.variants import sigma_variant
 
-_PAPERS_START = {"variant": "sigma 200 mm"}
+_PAPERS_START = {"variant": sigma_variant(200.0)}
 
 
 @dataclass(frozen=True, kw_only=True)

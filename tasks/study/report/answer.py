@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
+from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
@@ -241,6 +242,8 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
         text = page.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ResultError(f"{page}: no such file, expected a Markdown page") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ResultError(f"{page}: found no text, expected a Markdown page: {error}") from None
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
         raise ResultError(
             f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"
@@ -260,7 +263,7 @@ def main(arguments: Sequence[str]) -> None:
         answers = answers_of(run_dir)
         for page in pages:
             write_bytes(page, with_answers(page, answers).encode())
-    except TaskError as error:
+    except (TaskError, RenderError) as error:
         sys.exit(f"error: {error}")
 
 

@@ -126,11 +126,16 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
         write_bytes(run.folder / f"{name}.csv", to_csv(tables).encode())
     for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
+    figures = run.folder / "figures"
+    earlier = set(figures.glob("tradeoff_*"))  # some of methods that the run no longer has
     for series in filter(is_main, run.series):
         plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
         for kind, image in figure_files(plots).items():
             name = re.sub(r"\W+", "_", series.method)
-            write_bytes(run.folder / "figures" / f"tradeoff_{name}.{kind}", image)
+            write_bytes(file := figures / f"tradeoff_{name}.{kind}", image)
+            earlier.discard(file)
+    for file in earlier:
+        file.unlink()
     report = run.folder / "report.html"
     write_bytes(report, page)
     return report

@@ -25,8 +25,9 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
     `speed` is a factor on the base speed. It is empty where the study gives m/s, and
     `illuminance_lux` where it does not give lux.
 
-    A camera with a contrast threshold of its own is in the tables of all thresholds; it is written
-    with the first.
+    A camera with a contrast threshold of its own is in the tables of all thresholds, and doing
+    nothing in those of all methods of a task; each is written with the first. `cutoff_hz` is empty
+    for a camera in a light that is given in lux: its own cutoff is in rows.parquet.
     """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
@@ -35,13 +36,18 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
     for table in tables:
         for block in table.blocks:
             for line in block.lines:
-                place = table.series, block.scene, block.speed, line.nothing, line.width
-                if (*place, line.contrast_threshold) in written:
+                series = table.series._replace(method=_method(table, line))
+                place = series, block.scene, block.speed, line.width, line.contrast_threshold
+                if place in written:
                     continue
-                written.add((*place, line.contrast_threshold))
+                written.add(place)
                 for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
                     writer.writerow(_csv_line(table, block, line, cutoff_hz, entry))
     return file.getvalue()
+
+
+def _method(table: ComparisonTable, line: Line) -> str:
+    return TASKS[table.series.task].baseline if line.nothing else table.series.method
 
 
 def _csv_line(
@@ -54,9 +60,10 @@ def _csv_line(
     texts = ["" if number is None else f"{number:.6g}" for number in numbers]
     return [
         *(block.scene, series.task),
-        TASKS[series.task].baseline if line.nothing else series.method,
+        _method(table, line),
         *(series.variant, series.metric),
-        *(line.width or "", line.sensor, cutoff_hz),
+        *(line.width or "", line.sensor),
+        "" if line.sensor and lux_of(cutoff_hz) else cutoff_hz,
         lux_of(cutoff_hz) or "",
         line.contrast_threshold,
         *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),

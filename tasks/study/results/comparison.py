@@ -98,7 +98,8 @@ class ComparisonTable:
         """Return the name of the paper's table; None if it lacks these sensors and scenes."""
         lines = [line for block in self.blocks for line in block.lines]
         found = any(entry.paper is not None for line in lines for entry in line.entries)
-        return source(self.series.task, self.series.method) if found else None
+        speeds = [block.speed for block in self.blocks]
+        return source(self.series.task, self.series.method, speeds) if found else None
 
     @property
     def footnote(self) -> str:

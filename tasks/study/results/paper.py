@@ -302,20 +302,25 @@ def has_sensors(widths: Iterable[int], cutoffs_hz: Iterable[float]) -> bool:
     return {*widths} <= {*WIDTHS} and {*cutoffs_hz} <= {*CUTOFFS_HZ}
 
 
-def source(task: str, method: str) -> str | None:
+def source(task: str, method: str, speeds: Iterable[float]) -> str | None:
     """Return the printed name of the paper's table for a method.
 
     Parameters
     ----------
     task, method
         Names as in `tasks.row.Row`.
+    speeds
+        Factors on the base speed; the paper has a table of its own for the fastest.
 
     Returns
     -------
     str or None
         As in "Table 6"; None if the paper has no such table.
     """
+    asked = {round(speed, 3) for speed in speeds}
     for table in _TABLES:
-        if (table.task, table.method) == (task, method):
+        if (table.task, table.method) == (task, method) and asked & {
+            round(speed, 3) for speed in table.speeds
+        }:
             return f"Table {_NUMBERS[table.label]}"
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 
 from tasks.study.results.asked import CutoffInLux, MetersPerSecond
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
@@ -64,10 +65,12 @@ def photoreceptor_label(photoreceptor: str) -> str:
 
 
 def rate_label(event_rate_hz: float | None) -> str:
-    """Format an event rate in Mev/s to about three digits."""
+    """Format an event rate in Mev/s to about three digits, two below 0.1 Mev/s."""
     if event_rate_hz is None or not math.isfinite(event_rate_hz):
         return MISSING
     mega = event_rate_hz / 1e6
+    if 0 < mega < 0.1:
+        return f"{Decimal(f'{mega:.2g}'):f}"
     return f"{mega:.{0 if mega >= 100 else 1 if mega >= 10 else 2}f}"
 
 

@@ -92,7 +92,10 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             rows += result.rows
             timings.append(result.timings)
             reference = reference or result.reference
-        files[f"costs/{job.key}.json"] = timings_file(of_one_job(timings, before))
+        whole = replace(
+            of_one_job(timings, before), resolution=sequence.width, height=sequence.height
+        )
+        files[f"costs/{job.key}.json"] = timings_file(whole)
         if highlights and reference:
             files |= highlights.result(reference, sequence)
     return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))

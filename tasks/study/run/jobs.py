@@ -91,7 +91,7 @@ class Job:
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
                 name=sensor.name,
-                readout=sensor.readout or bus,
+                readout=sensor.readout if "bus" in sensor.own else bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
                 distance=self._seen_px(sensor, model) / model.width if same_lens else 1.0,

@@ -53,11 +53,12 @@ def _within(
         "scoring": (estimate.frames_s, estimate.samples_s),
     }
     reached_s = before_s  # sensors of another shape go through the stages again
+    end_s = before_s + estimate.core_s  # rounded as where the next job begins
 
     def on_job(stage: str, done: float, of: float, /) -> None:
         nonlocal reached_s
         begin_s, length_s = stages.get(stage, (0.0, 0.0))
-        reached_s = max(reached_s, before_s + begin_s + length_s * done / of)
+        reached_s = max(reached_s, min(before_s + begin_s + length_s * done / of, end_s))
         on_progress(f"{stage} {done:g}/{of:g}", reached_s, total_s)
 
     return on_job

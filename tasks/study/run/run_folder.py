@@ -44,7 +44,8 @@ class RunFolder:
             raise StudyError(f"{folder}: found a file, expected a folder for the run")
         self._folder, self._jobs, self._mix = folder, jobs, mix
         self._rows_of = _rows_so_far(folder / "parts", jobs)
-        self._environment = _environment_so_far(folder / "environment.json", bool(self._rows_of))
+        self._environment = _environment_so_far(folder)
+        self._has_other_rows = False  # than the folder's rows.parquet
         self._first: dict[str, str] = {}  # job of each scene, which makes its highlights
         for key, job in jobs.items():
             self._first.setdefault(job.scene.name, key)
@@ -109,9 +110,10 @@ class RunFolder:
         for name, data in computed.files.items():
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
-        self._write("environment.json", {"command": command(), **self._environment})
+        self._write("environment.json", self._environment)
         write_rows(_rows_file(self._folder / "parts", queued.key), computed.rows)
         self._rows_of[queued.key] = computed.rows
+        self._has_other_rows = True
 
     def finish(self, study: Mapping[str, Any]) -> list[Row]:
         """Write the rows of all jobs, and what describes them.
@@ -133,8 +135,15 @@ class RunFolder:
             (self._folder / "previews" / "index.json").unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
+        if self._has_other_rows or not self._describes(study):
+            self._write("environment.json", {**self._environment, "command": command()})
         self._write("study.json", study)
         return rows
+
+    def _describes(self, study: Mapping[str, Any]) -> bool:
+        """Return whether study.json has this study."""
+        file = self._folder / "study.json"
+        return file.exists() and file.read_bytes() == _json(study)
 
     def _has_highlights(self, job: Job) -> bool:
         """Return whether this job made the highlights of its scene.
@@ -154,23 +163,37 @@ class RunFolder:
         return self._folder / "previews" / f"{scene_name}.json"
 
     def _write(self, name: str, value: Any) -> None:
-        write_bytes(self._folder / name, json.dumps(value, indent=1).encode())
+        write_bytes(self._folder / name, _json(value))
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, indent=1).encode()
 
 
 def _rows_file(folder: Path, key: str) -> Path:
     return folder / f"{key}.parquet"
 
 
-def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
+def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
     """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
-    for key in work:
+    for key, job in work.items():
         file = _rows_file(folder, key)
-        if file.exists():
-            try:
-                rows_of[key] = read_rows(file)
-            except ResultError as error:
-                _log.warning("%s; the job is computed again", error)
+        if not file.exists():
+            continue
+        try:
+            rows = read_rows(file)
+        except ResultError as error:
+            _log.warning("%s; the job is computed again", error)
+            continue
+        if other := {row.scene for row in rows} - {job.scene.name}:  # a key has no names
+            _log.warning(
+                "%s: found rows of %s, expected %s, a scene of the same content; the job is "
+                "computed again",
+                *(file, ", ".join(sorted(other)), job.scene.name),
+            )
+            continue
+        rows_of[key] = rows
     strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
     if strangers:
         one = len(strangers) == 1
@@ -181,13 +204,14 @@ def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
     return rows_of
 
 
-def _environment_so_far(file: Path, has_rows: bool) -> dict[str, str]:
-    """Return the environment of earlier starts, without their command."""
-    if not has_rows or not file.exists():
+def _environment_so_far(folder: Path) -> dict[str, str]:
+    """Return the environment of all jobs in the folder, those of other studies too, and the command
+    that its rows are from."""
+    file = folder / "environment.json"
+    if not file.exists() or not any((folder / "parts").glob("*.parquet")):
         return {}
     try:
-        found = read_json(dict[str, str], file, ResultError)
+        return read_json(dict[str, str], file, ResultError)
     except ResultError as error:
         _log.warning("%s; the provenance of the finished jobs is lost", error)
         return {}
-    return {name: value for name, value in found.items() if name != "command"}

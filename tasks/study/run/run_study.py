@@ -12,6 +12,7 @@ from eres_render.errors import nearest
 from eres_render.progress import Progress, silent
 from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
+from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import estimate_job, estimate_work
@@ -65,8 +66,9 @@ def run_study(
     Raises
     ------
     StudyError
-        The study asks for something impossible, `out` is a file, the cluster has other code or
-        scenes, or, unless `mix`, Mitsuba or the device differs from that of the finished jobs.
+        The study asks for something impossible or for do-nothing methods alone, `out` is a file,
+        the cluster has other code or scenes, or, unless `mix`, Mitsuba or the device differs from
+        that of the finished jobs.
     TaskError
         A method does not exist or is for another task, or the cluster cannot be reached.
     MethodError
@@ -81,6 +83,7 @@ def run_study(
         scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
+        _check_compares(work.values())
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if to_do := folder.to_do():
@@ -107,6 +110,22 @@ def _check_methods(study: Study) -> None:
     sizes = [(one.width, one.height) for *_, one in study.simulate.models(study.render)]
     speeds = study.simulate.speeds_m_s or study.simulate.speeds
     check_methods(study.evaluate, sizes * len(speeds))
+
+
+def _check_compares(jobs: Iterable[Job]) -> None:
+    """Refuse jobs of do-nothing methods alone, of which there is nothing to report."""
+    asked = [
+        (task, name)
+        for job in jobs
+        for task, settings in job.evaluate.items()
+        for name in settings.methods
+    ]
+    if all(name == TASKS[task].baseline for task, name in asked):
+        listed = " and ".join(dict.fromkeys(name for _, name in asked))
+        raise StudyError(
+            f"evaluate: found {listed} alone, expected a method that uses the events and suits the "
+            "scenes"
+        )
 
 
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
