@@ -38,7 +38,7 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events of one sensor, sorted by time, ties by (y, x).
+    """Events of one sensor, sorted by time; simulated ones also by (y, x) within a microsecond.
 
     Parameters
     ----------

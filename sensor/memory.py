@@ -110,7 +110,10 @@ RELEASES = [MEMORY.release]
 
 
 def release_memory() -> None:
-    """Give the memory that simulations keep for later ones back: at most 512 MiB, and a GPU's.
+    """Give the memory that simulations keep for later ones back.
+
+    It is at most 512 MiB; after simulations on a GPU also what these keep there, and at most 1 GiB
+    of page-locked memory.
 
     Examples
     --------

@@ -160,8 +160,13 @@ class Sender:
         Raises
         ------
         EventError
-            The part differs in size from the one before it, or starts before its end.
+            The part differs in size from the one before it, starts before its end, or not
+            after -2^62 us.
         """
+        if len(part) and part.t_us[0] <= -fifo.END_OF_TIME_US:  # differences would overflow
+            raise EventError(
+                f"read_out: found an event at {part.t_us[0]} us, expected all after -2^62 us"
+            )
         if self._waiting is None or self._held is None:
             self._waiting, self._held = _Queue(self._readout, part.height), part[:0].copy()
         held = self._held

@@ -42,14 +42,15 @@ def simulate(
     model
         The sensor.
     seed
-        Seed of all random parts of the model, 0 to 2^63 - 1; the same seed gives the same events on
-        any machine.
+        Seed of all random parts of the model, 0 to 2^63 - 1. The same seed gives the same events;
+        on another kind of processor the last digit of a time may differ.
     threads
         Number of threads, 1 to 1024; None is one for each core. Results do not depend on it.
     device
         "cpu"; or "cuda" for an NVIDIA GPU, with the extra `cuda`. There, frames may also be arrays
         on the GPU: whatever has `__cuda_array_interface__`, such as those of CuPy and PyTorch. The
-        events are those of the CPU, except for the last digit of their times.
+        events are those of the CPU, except for the last digit of their times, which may decide on
+        an event where a refractory period ends.
 
     Returns
     -------

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 
-from sensor.engine.group import least_bytes
+from sensor.engine.group import least_bytes, members_by_light
 from sensor.errors import SensorError
 from sensor.memory import memory_bytes
 from sensor.model import SensorModel
@@ -125,7 +125,7 @@ def check_memory(models: list[SensorModel]) -> None:
     SensorError
         The state does not fit; the text gives both sizes.
     """
-    needed = sum(map(least_bytes, models))
+    needed = sum(least_bytes([models[i] for i in members]) for members in members_by_light(models))
     if needed > (there := memory_bytes()):
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "

@@ -26,12 +26,11 @@ from sensor.engine.frames import (
     warn_of_whole_numbers,
     whole_microseconds,
 )
-from sensor.engine.group import SensorGroup
+from sensor.engine.group import SensorGroup, members_by_light
 from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
 from sensor.errors import SensorError
 from sensor.events import Columns, Events
-from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.levels import DARK_FRACTION, white_level
 from sensor.model import SensorModel
 
@@ -67,7 +66,7 @@ class Bank:
         self._device = device_called(device, self.threads)
         self.reader = self._device.reader(frames, len(self.t_s))
         for speed in {*self.speeds}:
-            check_spans(self.t_s / speed, MAX_INTERVAL_US, speed)
+            check_spans(self.t_s / speed, speed)
         for model in models:
             check_fit(model, *self.reader.shape)
         check_memory(models)
@@ -123,10 +122,6 @@ class Bank:
             yield from group.finish()
 
     def _groups(self) -> list[SensorGroup]:
-        members: dict[tuple[int, int, float | None, float], list[int]] = {}
-        for i, m in enumerate(self.models):
-            light = m.height, m.width, m.dark_level, m.fill_factor
-            members.setdefault(light, []).append(i)
         return [
             self._device.group.start(
                 indices,
@@ -135,7 +130,7 @@ class Bank:
                 self.reader.first,
                 self.seed,
             )
-            for indices in members.values()
+            for indices in members_by_light(self.models)
         ]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensor.errors import SensorError
+from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.memory import MEMORY
 from sensor.model import MAX_TIME_S
 from sensor.numbers import refusal
@@ -53,15 +54,13 @@ def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
     return times
 
 
-def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) -> None:
+def check_spans(t_s: NDArray[np.float64], speed: float) -> None:
     """Check that times fit into 64-bit microseconds.
 
     Parameters
     ----------
     t_s
         (T,) frame times divided by the speed.
-    max_interval_us
-        Longest interval between two frames.
     speed
         Speed factor, for the text of errors.
 
@@ -81,10 +80,10 @@ def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) ->
     interval_s = np.diff(t_s)
     if interval_s.size and interval_s.min() <= 0:
         raise SensorError(f"speed: found {speed:g}, which leaves no time between two frames")
-    if interval_s.size and interval_s.max() * 1e6 > max_interval_us:
+    if interval_s.size and interval_s.max() * 1e6 > MAX_INTERVAL_US:
         raise SensorError(
             f"t_s: found {interval_s.max():.0f} s between two frames{at_speed}, expected less than "
-            f"{max_interval_us * 1e-6:.0f} s"
+            f"{MAX_INTERVAL_US * 1e-6:.0f} s"
         )
 
 

@@ -212,14 +212,24 @@ class SensorGroup:
         return events
 
 
-def least_bytes(model: SensorModel) -> int:
-    """Return the memory that `SensorGroup.start` allocates for one model alone, bytes."""
-    rows = 1  # the memory
-    rows += 2 * (model.cutoff_hz < math.inf)  # v1, v2
-    rows += 2 * (model.threshold_mismatch > 0)  # C_on, C_off
-    rows += model.hot_pixel_fraction > 0 and model.hot_pixel_hz > 0
-    rows += model.refractory_s > 0  # end of the refractory period
-    return 8 * rows * model.height * model.width
+def members_by_light(models: Sequence[SensorModel]) -> list[list[int]]:
+    """Return the indices of the models of each group."""
+    found: dict[tuple[int, int, float | None, float], list[int]] = {}
+    for i, m in enumerate(models):
+        found.setdefault((m.height, m.width, m.dark_level, m.fill_factor), []).append(i)
+    return list(found.values())
+
+
+def least_bytes(models: Sequence[SensorModel]) -> int:
+    """Return the memory that `SensorGroup.start` allocates for the models of a group, bytes."""
+    rows = 1  # u
+    of_each = 1  # the memory
+    of_each += 2 * any(m.cutoff_hz < math.inf for m in models)  # v1, v2
+    of_each += 2 * any(m.threshold_mismatch > 0 for m in models)  # C_on, C_off
+    of_each += any(m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models)
+    rows += of_each * len(models)
+    rows += sum(m.refractory_s > 0 for m in models)  # end of the refractory period
+    return 8 * rows * models[0].height * models[0].width
 
 
 def light_of(

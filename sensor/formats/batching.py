@@ -1,4 +1,4 @@
-"""Divide a stream into parts of equal size for writing, and check that it is one stream."""
+"""Parts of a stream: of equal size to write, in order and with valid places when read."""
 
 from __future__ import annotations
 

@@ -168,7 +168,8 @@ def said(where: str) -> Iterator[None]:
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if isinstance(error, EventError):
             raise
-        raise EventFormatError(f"{where}: {error.args[0] if error.args else error}") from error
+        text = error.args[0] if error.args and isinstance(error.args[0], str) else error
+        raise EventFormatError(f"{where}: {text}") from error
 
 
 @contextmanager

@@ -109,11 +109,14 @@ class Header:
         Raises
         ------
         EventFormatError
-            There is no size, or the user's size differs from that of the file.
+            There is no size, or the user's size is not two numbers or differs from that of the
+            file.
         """
         if size is None:
             _ = self.size
             return self
+        if not isinstance(size, tuple | list) or len(size) != 2:
+            raise EventFormatError(f"size: found {size!r}, expected (width, height) in px")
         if self.width is None or self.height is None:
             return dataclasses.replace(self, width=size[0], height=size[1])
         if tuple(size) != self.size:
@@ -152,9 +155,7 @@ def model_from_json(text: str) -> SensorModel:
         allowed = typing.get_args(kinds[name]) or (kinds[name],)
         if value == "inf" and float in allowed:
             table[name] = math.inf
-        elif type(value) is int and float in allowed:
-            table[name] = float(value)
-        elif type(value) not in allowed:
+        elif type(value) not in (*allowed, *((int,) if float in allowed else ())):
             expected = " or ".join("null" if k is type(None) else k.__name__ for k in allowed)
             raise EventFormatError(f"sensor_model.{name}: found {value!r}, expected {expected}")
     try:

@@ -464,6 +464,7 @@ def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
     chosen = find_format(path, format)
     if chosen.read_triggers is None:
         return NO_TRIGGERS
+    path.open("rb").close()  # raises OSError if the file is missing or not readable
     try:
         return chosen.read_triggers(path)
     except EventFormatError as error:

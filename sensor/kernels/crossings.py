@@ -148,6 +148,8 @@ def towards_turn(low, high, y, moved, close, falling, curve):
 
 
 _VECTOR_STEPS = 4
+_FURTHER_STEPS = 200  # of what has not converged: bisection ends long before
+MOST_TURN_STEPS = _VECTOR_STEPS + _FURTHER_STEPS
 
 
 @jit
@@ -190,7 +192,7 @@ def solve_turns(todo, count):
         if moved[k] >= close[k]:
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
             a, b, y, step = low[k], high[k], root[k], moved[k]
-            for _ in range(200):
+            for _ in range(_FURTHER_STEPS):
                 a, b, y, step = towards_turn(a, b, y, step, close[k], falling[k] == 1.0, curve)
                 if step < close[k]:
                     break
@@ -280,7 +282,7 @@ def crossing(curve, level, piece, slack, y, plain):
     low, high, v_low, v_high, _, _ = piece
     rising = v_high > v_low
     moved = high - low
-    for step in range(plain + 200):
+    for step in range(plain + _FURTHER_STEPS):
         if step == plain:
             share = (level - v_low) / (v_high - v_low)
             if low >= TRANSIENT:  # a straight line
@@ -306,7 +308,7 @@ def crossing(curve, level, piece, slack, y, plain):
     return y
 
 
-_STEPS = 3
+PLAIN_STEPS = 3
 _FEW = 8  # a vectorized step pays if more than one in _FEW crossings needs it
 
 
@@ -314,10 +316,10 @@ _FEW = 8  # a vectorized step pays if more than one in _FEW crossings needs it
 def solve_crossings(todo, count):
     """Solve the listed crossings by Householder's method in vectorized loops.
 
-    Each gets up to _STEPS steps, until one is within the slack. `crossing` does the rest of these
-    steps one crossing at a time once only few need them, and it solves those that no step brings
-    within the slack, near a turning point of v2 or far down a tail. So a root does not depend on
-    the other crossings of the list.
+    Each gets up to PLAIN_STEPS steps, until one is within the slack. `crossing` does the rest of
+    these steps one crossing at a time once only few need them, and it solves those that no step
+    brings within the slack, near a turning point of v2 or far down a tail. So a root does not
+    depend on the other crossings of the list.
 
     Parameters
     ----------
@@ -336,7 +338,7 @@ def solve_crossings(todo, count):
         solved[k] = 0.0
     done = 0
     left = count
-    while left * _FEW > count and done < _STEPS:
+    while left * _FEW > count and done < PLAIN_STEPS:
         left = 0
         for k in range(count):
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
@@ -350,4 +352,4 @@ def solve_crossings(todo, count):
         if solved[k] == 0.0:
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
             piece = Piece(low[k], high[k], v_low[k], v_high[k], slope_low[k], slope_high[k])
-            root[k] = crossing(curve, level[k], piece, slack[k], root[k], _STEPS - done)
+            root[k] = crossing(curve, level[k], piece, slack[k], root[k], PLAIN_STEPS - done)

@@ -13,7 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.kernels.comparator import PIECES
 from sensor.kernels.crossings import (
+    MOST_TURN_STEPS,
+    PLAIN_STEPS,
     SHORT_X,
     TRANSIENT,
     Curve,
@@ -39,10 +42,6 @@ from sensor.kernels.noise import (
 from sensor.kernels.packing import POLARITY_SHIFT, TIME_SHIFT, pack
 from sensor.kernels.photoreceptor import Step, within_float
 from sensor.kernels.silence import Ends, may_fire
-
-_PLAIN_STEPS = 3  # of a crossing, before its search is bracketed: as in `solve_crossings`
-_MOST_TURN_STEPS = 204  # as in `solve_turns`
-_PIECES = 4
 
 
 class Comparator(NamedTuple):
@@ -146,7 +145,7 @@ def turn_between(low, high, curve):
     moved = high - low
     close = 1e-4 * min(moved, 1.0)
     y = low + moved * min(max(slope_low / (slope_low - slope_high), 0.0), 1.0)
-    for _ in range(_MOST_TURN_STEPS):
+    for _ in range(MOST_TURN_STEPS):
         low, high, y, moved = towards_turn(low, high, y, moved, close, falling, curve)
         if moved < close:
             break
@@ -213,7 +212,7 @@ def fire_curve(ends, v1_end, x, poles, comparator, span, out):
     slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
     level, count = comparator.memory, 0
     low, v_low, slope_low = 0.0, v2, slope_start
-    for piece in range(0 if turns_before or turns_after or not straight else 3, _PIECES):
+    for piece in range(0 if turns_before or turns_after or not straight else PIECES - 1, PIECES):
         if piece == 0:
             high, v_high = cut_0, v_cut_0
         elif piece == 1:
@@ -232,7 +231,7 @@ def fire_curve(ends, v1_end, x, poles, comparator, span, out):
                 if out.writes:
                     bracket = Piece(low, high, v_low, v_high, slope_low, slope_high)
                     guess = first_guess(level, bracket)
-                    y = crossing(curve, level, bracket, slack, guess, _PLAIN_STEPS)
+                    y = crossing(curve, level, bracket, slack, guess, PLAIN_STEPS)
                     put(out, count, y * us, up, span)
                 count += 1
             low, v_low, slope_low = high, v_high, slope_high

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor.errors import EventError
-from sensor.events import Columns, Events
+from sensor.events import Columns, Events, whole_us
 from sensor.representations.compiling import jit
 
 
@@ -65,7 +63,7 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     Raises
     ------
     EventError
-        An event is later than `t_us`, or `tau_us` is not positive.
+        An event is later than `t_us`, `t_us` is not an integer, or `tau_us` is not positive.
 
     Examples
     --------
@@ -84,9 +82,7 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     latest_us = int(events.t_us[-1]) if len(events) else 0
     if t_us is None:
         t_us = latest_us
-    elif not math.isfinite(t_us):
-        raise EventError(f"time_surface: found t_us = {t_us}, expected a finite time")
-    t_us = int(t_us)
+    t_us = whole_us("time_surface", "t_us", t_us)
     if len(events) and latest_us > t_us:
         raise EventError(
             f"time_surface: found an event at {latest_us} us, expected none after t_us = {t_us}; "

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sensor.compiling import compiler
 from sensor.errors import EventError
-from sensor.events import Columns, Events
+from sensor.events import Columns, Events, whole_us
 
 _NEVER = -(1 << 63)
+_LONGEST_US = 1 << 28  # of an edge; a byte or two of memory for each microsecond
 
 
 @compiler(Path(__file__).parent)
@@ -36,6 +37,17 @@ def _count_intervals(
             counts[bin_of[min(t_us[i] - before_us, bin_of.size - 1)]] += 1
 
 
+def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    edges = np.asarray(edges_us)
+    right = edges.ndim == 1 and edges.size > 1 and np.issubdtype(edges.dtype, np.integer)
+    if not (right and edges[0] >= 0 and edges[-1] < _LONGEST_US and np.all(edges[1:] > edges[:-1])):
+        raise EventError(
+            f"IntervalHistogram: found edges_us = {edges_us!r}, expected two or more integers, "
+            "strictly ascending from 0 on and below 2^28 us"
+        )
+    return edges.astype(np.int64)
+
+
 class IntervalHistogram:
     """Counts the times between consecutive events of each pixel in a stream.
 
@@ -48,11 +60,17 @@ class IntervalHistogram:
     width, height
         Size of the sensor, px.
     edges_us
-        (B + 1,) ascending bin edges, whole microseconds. Bins are half-open, [edge, next edge).
+        (B + 1,) bin edges, strictly ascending whole microseconds from 0 on, below 2^28 (268 s).
+        Bins are half-open, [edge, next edge).
     window_us
-        (start, end) of the half-open window.
+        (start, end) of the half-open window, whole microseconds.
     every_row
         Use only every n-th row of pixels, an unbiased sample.
+
+    Raises
+    ------
+    EventError
+        An argument is invalid; the text names it.
 
     Attributes
     ----------
@@ -82,13 +100,20 @@ class IntervalHistogram:
         window_us: tuple[int, int],
         every_row: int = 1,
     ) -> None:
-        self.edges_us = np.asarray(edges_us, dtype=np.int64)
-        self._window_us = window_us
+        self.edges_us = _checked_edges(edges_us)
+        start_us, end_us = (whole_us("IntervalHistogram", "window_us", t_us) for t_us in window_us)
+        self._window_us = start_us, end_us
+        if not isinstance(every_row, int | np.integer) or every_row < 1:
+            raise EventError(
+                f"IntervalHistogram: found every_row = {every_row!r}, expected an integer from 1 on"
+            )
         self._slot_of = np.full(height, -1)
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
-        self._bin_of = np.searchsorted(
-            self.edges_us, np.arange(self.edges_us[-1] + 2), side="right"
-        ).astype(np.min_scalar_type(len(self.edges_us)))
+        bins = len(self.edges_us) + 1  # with those below and above the edges
+        self._bin_of = np.repeat(
+            np.arange(bins, dtype=np.min_scalar_type(bins)),
+            np.diff(self.edges_us, prepend=0, append=self.edges_us[-1] + 2),
+        )
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
         self._start_us: int | None = None

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from sensor.errors import SensorError
+
 _DRAWS = 2000
 
 
@@ -99,7 +101,7 @@ def slopes_by_pixel_size(
 
     Raises
     ------
-    ValueError
+    SensorError
         A size is even, or the frames are too small for the largest size.
 
     Examples
@@ -117,10 +119,10 @@ def slopes_by_pixel_size(
     array([3.5, 2.3, 0.3])
     """
     if any(size % 2 == 0 for size in sizes_px):
-        raise ValueError(f"sizes_px: found {tuple(sizes_px)}, expected odd numbers")
+        raise SensorError(f"sizes_px: found {tuple(sizes_px)}, expected odd numbers")
     margin = max(sizes_px) // 2
     if min(radiance_0.shape) - 2 * margin < blocks_a_side:
-        raise ValueError(
+        raise SensorError(
             f"frames of {radiance_0.shape[1]}x{radiance_0.shape[0]} px have no room for "
             f"{blocks_a_side} blocks per side inside a margin of {margin} px"
         )
@@ -165,14 +167,14 @@ def fit_power_law(
     """Fit gamma of value ~ size^-gamma, Eq. (6), to the weighted mean over blocks.
 
     Fits a line to the logarithms by least squares; the interval is a percentile bootstrap over
-    blocks.
+    blocks, among draws with positive means.
 
     Parameters
     ----------
     sizes
         (P,) sizes.
     blocks
-        (N, P) positive values.
+        (N, P) values, 0 or more; their means are positive.
     weights
         (N,) weights of the blocks; None is 1 for all.
     seed
@@ -184,8 +186,8 @@ def fit_power_law(
 
     Raises
     ------
-    ValueError
-        Fewer than two sizes or blocks.
+    SensorError
+        There are fewer than two sizes or blocks, or the mean at a size is not positive.
 
     Examples
     --------
@@ -197,7 +199,7 @@ def fit_power_law(
     (0.5, 10.0)
     """
     if len(sizes) < 2 or len(blocks) < 2:
-        raise ValueError(
+        raise SensorError(
             f"found {len(sizes)} sizes and {len(blocks)} blocks, expected at least 2 of each"
         )
     weights = np.ones(len(blocks)) if weights is None else weights
@@ -208,7 +210,10 @@ def fit_power_law(
     draws = np.random.default_rng(seed).integers(len(blocks), size=(_DRAWS, len(blocks)))
     times_drawn = np.apply_along_axis(np.bincount, 1, draws, minlength=len(blocks))
     chosen = np.concatenate([np.ones((1, len(blocks))), times_drawn]) * weights
-    log_mean = np.log(chosen @ blocks / chosen.sum(axis=1, keepdims=True))
+    means = chosen @ blocks / chosen.sum(axis=1, keepdims=True)
+    if not np.all(means[0] > 0):
+        raise SensorError(f"blocks: found means of {means[0].tolist()}, expected positive numbers")
+    log_mean = np.log(means[np.all(means > 0, axis=1)])  # draws of blocks at rest have no law
     exponents = -(log_mean @ line)
     low, high = np.percentile(exponents[1:], [2.5, 97.5])
     factor = np.exp(log_mean[0].mean() + exponents[0] * log_size.mean())

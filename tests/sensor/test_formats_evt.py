@@ -202,6 +202,9 @@ def test_headers_of_other_writers(tmp_path):
     with pytest.raises(EventFormatError, match="does not store the sensor's size"):
         load_events(bare, format="evt3")
     assert len(load_events(bare, format="evt3", size=(640, 480))) == 1
+    for size in ((640,), 640, (640, 480, 3)):
+        with pytest.raises(EventFormatError, match=r"size: found .* in px"):
+            load_events(bare, format="evt3", size=size)
 
 
 def test_a_clock_that_steps_back_stands_still(tmp_path, caplog):
@@ -295,6 +298,11 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (b'% sensor_model {"width": 2}\n' + HEADER, [], "sensor_model: "),
         (b'% sensor_model {"widht": 2}\n' + HEADER, [], "sensor_model.widht: unknown"),
         (b'% sensor_model {"width": "2"}\n' + HEADER, [], "sensor_model.width: found '2'"),
+        (
+            b'% sensor_model {"width": 1, "height": 1, "leak_hz": 1' + 400 * b"0" + b"}\n" + HEADER,
+            [],
+            "sensor_model: SensorModel.leak_hz: found",
+        ),
         (b"% origin []\n" + HEADER, [], "origin: found '[]', expected a JSON object"),
         (HEADER, [0x8000, 0x0001, 0x2FFF], "byte 55, word 0x2fff: found x = 2047, outside"),
         (HEADER, [0x8000, 0x01E0, 0x2001], "byte 55, word 0x2001: found y = 480, outside"),

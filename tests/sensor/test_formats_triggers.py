@@ -137,6 +137,13 @@ def test_invalid_triggers(columns, said):
         make_triggers(*columns)
 
 
+@pytest.mark.parametrize("suffix", [".h5", ".raw", ".npz"])
+def test_a_file_that_is_not_there_is_an_os_error(suffix, tmp_path):
+    """Promise: as for events, whatever the format."""
+    with pytest.raises(FileNotFoundError, match=f"none{suffix}"):
+        read_triggers(tmp_path / f"none{suffix}")
+
+
 def test_triggers_are_arrays():
     with pytest.raises(EventFormatError, match=r"triggers, t_us: found \[12\], expected an array"):
         Triggers([12], [0], [1])

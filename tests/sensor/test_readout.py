@@ -57,6 +57,14 @@ def test_parts_that_failed_are_not_empty_the_second_time():
         list(sent)
 
 
+def test_times_whose_differences_overflow_are_refused():
+    """Promise: no event is said to leave after 2^62 us that leaves at once."""
+    bus = Readout(max_rate_hz=1e6, fifo_depth=1)
+    assert len(concatenate(list(read_out(make([1 - (1 << 62)]), bus)))) == 1
+    with pytest.raises(EventError, match=r"found an event at -5\d{18} us, expected all after"):
+        list(read_out(make([-5 * 10**18]), bus))
+
+
 def test_below_capacity_there_is_only_service_time():
     """Physics: events farther apart than the service time do not wait: delay = overhead + 1 / R."""
     rng = np.random.default_rng(0)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensor import EventError, Events, SensorModel, simulate
+from sensor import EventError, Events, SensorError, SensorModel, simulate
 from sensor.statistics import (
     IntervalHistogram,
     event_rates_hz,
@@ -99,6 +99,34 @@ def test_hundreds_of_bins_do_not_wrap():
     histogram = IntervalHistogram(1, 1, np.arange(1, 302), (0, 999))
     histogram.add(Events(np.array([0, 280]), x, x, np.ones(2, np.int8), 1, 1))
     assert np.flatnonzero(histogram.counts).tolist() == [279]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"edges_us": np.geomspace(1, 10, 12)}, "found edges_us = .*, expected two or more integ"),
+        ({"edges_us": [100, 50]}, "strictly ascending from 0 on"),
+        ({"edges_us": [10, 1 << 28]}, "below 2\\^28 us"),
+        ({"edges_us": [10]}, "expected two or more"),
+        ({"window_us": (0.0, 0.2)}, "found window_us = 0.0, expected whole microseconds"),
+        ({"every_row": 0}, "found every_row = 0, expected an integer from 1 on"),
+    ],
+)
+def test_what_a_histogram_cannot_count_is_refused(options, said):
+    """Promise: bins are never of another width than asked for, and seconds are no microseconds."""
+    with pytest.raises(EventError, match=f"IntervalHistogram: {said}"):
+        IntervalHistogram(4, 3, **{"edges_us": [1, 10], "window_us": (0, 100), **options})
+
+
+def test_a_law_of_nothing_is_refused_and_blocks_at_rest_have_none():
+    """Promise: no NaN: still light is an error, and one that moves in a corner has an interval."""
+    sizes = np.array([1, 3, 9])
+    with pytest.raises(SensorError, match=r"found means of \[0.0, 0.0, 0.0\], expected positive"):
+        fit_power_law(sizes, np.zeros((8, 3)))
+    blocks = np.zeros((8, 3))
+    blocks[3] = sizes**-0.5
+    law = fit_power_law(sizes, blocks)
+    assert (law.exponent, law.low, law.high) == pytest.approx((0.5, 0.5, 0.5))
 
 
 def test_events_of_another_sensor_are_refused():
