@@ -41,9 +41,10 @@ def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.in
     edges = np.asarray(edges_us)
     right = edges.ndim == 1 and edges.size > 1 and np.issubdtype(edges.dtype, np.integer)
     if not (right and edges[0] >= 0 and edges[-1] < _LONGEST_US and np.all(edges[1:] > edges[:-1])):
+        first = ", ".join(f"{edge}" for edge in edges.ravel()[:4])
         raise EventError(
-            f"IntervalHistogram: found edges_us = {edges_us!r}, expected two or more integers, "
-            "strictly ascending from 0 on and below 2^28 us"
+            f"IntervalHistogram: found {edges.size} edges_us of {edges.dtype}, {first}…, expected "
+            "two or more integers, strictly ascending from 0 on and below 2^28 us"
         )
     return edges.astype(np.int64)
 

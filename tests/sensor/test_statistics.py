@@ -104,10 +104,16 @@ def test_hundreds_of_bins_do_not_wrap():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"edges_us": np.geomspace(1, 10, 12)}, "found edges_us = .*, expected two or more integ"),
-        ({"edges_us": [100, 50]}, "strictly ascending from 0 on"),
-        ({"edges_us": [10, 1 << 28]}, "below 2\\^28 us"),
-        ({"edges_us": [10]}, "expected two or more"),
+        (
+            {"edges_us": np.geomspace(1, 10, 12)},
+            "found 12 edges_us of float64, 1.0, .*, expected two or",
+        ),
+        ({"edges_us": [100, 50]}, "found 2 edges_us of int64, 100, 50.*, strictly ascending"),
+        (
+            {"edges_us": [10, 1 << 28]},
+            "found 2 edges_us .*, strictly ascending from 0 on and below 2\\^28 us",
+        ),
+        ({"edges_us": [10]}, "found 1 edges_us of int64, 10…, expected two or more"),
         ({"window_us": (0.0, 0.2)}, "found window_us = 0.0, expected whole microseconds"),
         ({"every_row": 0}, "found every_row = 0, expected an integer from 1 on"),
     ],
