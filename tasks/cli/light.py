@@ -253,6 +253,7 @@ def images(
     ],
     out: Path,
     rate: float = 30.0,
+    speed: float = 1.0,
     seed: int = 0,
     camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
@@ -261,7 +262,7 @@ def images(
     The images have exposure and noise, and are 8-bit gray PNG files. An image is the mean of the
     rendered light over its exposure, encoded as sRGB; white is the sequence's white. frames.csv
     has the start and end of each exposure on the events' clock, as --frames of other commands
-    reads them.
+    reads them. Rates and exposures are in the events' time too.
 
     Parameters
     ----------
@@ -269,6 +270,8 @@ def images(
         Folder for the images.
     rate
         Images per second.
+    speed
+        Factor by which the scene moves faster than in the frames; that of `eres simulate`.
     seed
         Seed of the noise.
     """
@@ -278,7 +281,13 @@ def images(
 
     with progress_bar(terminal.err) as on_progress:
         count = write_images(
-            open_sequence(sequence), out, rate, camera, seed=seed, on_progress=on_progress
+            open_sequence(sequence),
+            out,
+            rate,
+            camera,
+            speed=speed,
+            seed=seed,
+            on_progress=on_progress,
         )
     terminal.out.print(f"{out}: {count} images", soft_wrap=True)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.json_values import json_values
@@ -30,6 +31,7 @@ def write_images(
     rate_hz: float,
     options: FrameCameraOptions,
     *,
+    speed: float = 1.0,
     seed: int = 0,
     on_progress: Progress = silent,
 ) -> int:
@@ -46,9 +48,12 @@ def write_images(
     out
         Folder of the images; made if it does not exist.
     rate_hz
-        Images per second. The first exposure starts with the sequence, the last ends within it.
+        Images per second of the events' time. The first exposure starts with the sequence, the last
+        ends within it.
     options
-        The camera.
+        The camera; its exposure is in the events' time.
+    speed
+        Factor by which the scene moves faster than it was rendered.
     seed
         Seed of the noise.
     on_progress
@@ -66,6 +71,7 @@ def write_images(
     """
     out = Path(out)
     options.check()
+    check_positive("speed", speed, TaskError, "a positive factor")
     if not 0 < rate_hz * options.exposure <= 1:
         raise TaskError(
             f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s, expected a rate "
@@ -75,17 +81,18 @@ def write_images(
         raise TaskError(f"seed: found {seed}, expected 0 or more")
     if (out / FILE_NAME).exists() or any(out.glob("[0-9]" * 6 + ".png")):
         raise TaskError(f"{out}: contains images already; write elsewhere")
-    t_s = sequence.t_s
+    t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:
         raise TaskError(
             f"exposure: found {options.exposure:g} s, expected less than the sequence's length, "
-            f"{t_s[-1] - t_s[0]:g} s"
+            f"{t_s[-1] - t_s[0]:g} s at speed {speed:g}"
         )
     starts_s = t_s[0] + np.arange(math.floor(room_s * rate_hz + 1e-9) + 1) / rate_hz
     rng = np.random.default_rng(seed)
     for k, start_s in enumerate(starts_s.tolist()):
-        light = exposed(sequence, start_s, start_s + options.exposure) / sequence.white_level
+        end_s = start_s + options.exposure
+        light = exposed(sequence, start_s * speed, end_s * speed) / sequence.white_level
         _, png = cv2.imencode(".png", developed(light, options, rng))
         write_bytes(out / f"{k:06d}.png", png.tobytes())
         on_progress("images", k + 1, len(starts_s))
@@ -97,6 +104,7 @@ def write_images(
     facts = {
         "exposures_us": exposures_us,
         "rate_hz": float(rate_hz),
+        "speed": float(speed),
         "white_level": sequence.white_level,
         "seed": int(seed),
         **json_values(options),

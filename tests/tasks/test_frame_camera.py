@@ -74,6 +74,25 @@ def test_numbers_of_numpy_are_numbers(small_carpet, tmp_path):
     assert stored[0] == stored[1]
 
 
+def test_images_of_a_faster_scene_are_on_its_clock(small_carpet, tmp_path, eres):
+    """Promise: at twice the speed, images are those of twice the exposure and half the rate, at half
+    the times, as the times of the events are."""
+    options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "samples": 1}
+    (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)
+    spans_us, codes = [], []
+    for rate, exposure, speed in ((100, 0.008, 1), (200, 0.004, 2)):
+        out = tmp_path / f"at_{speed}"
+        given = "--rate", rate, "--exposure", exposure, "--speed", speed, "--full-well", "inf"
+        assert eres("images", clip.folder, "--out", out, *given)[0] == 0
+        spans_us.append(np.array(json.loads((out / "images.json").read_text())["exposures_us"]))
+        codes.append([cv2.imread(str(file), -1) for file in sorted(out.glob("*.png"))])
+    np.testing.assert_allclose(spans_us[1], spans_us[0] / 2, atol=1)
+    np.testing.assert_array_equal(codes[0], codes[1])
+    given = "--out", tmp_path / "none", "--speed", 0
+    code, _, error = eres("images", clip.folder, *given)
+    assert (code, "speed: found 0.0, expected a positive factor" in error) == (1, True)
+
+
 def test_any_sequence_has_images(small_carpet, tmp_path, eres):
     options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "samples": 1}
     (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)
