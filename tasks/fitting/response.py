@@ -16,9 +16,12 @@ from tasks.numerics.estimate import Estimate, tiles_of
 
 _LEAST_STEPS = 2
 _LEAST_EVENTS = 3.0  # mean number of events of a pixel after a step
+_OF_USUAL = 0.5  # of the events of a pixel that sees the lamp; fewer are background
 _POINTS = 120  # of the curve
+_LEAST_POINTS = 5  # one more than parameters
 _FROM = 1.0  # events of a pixel, as the first one depends on its memory
 _DRAWS = 100
+_LEAST_TILES = 8  # of fewer, too few draws differ: pixels are drawn
 _TAIL = 0.995
 # B for one pole: (1 + C_off / C_on) / 2 for a pixel whose light fell before, and its range for
 # C_off / C_on from 1/2 to 3/2. For two poles, B is fitted.
@@ -52,15 +55,16 @@ class Response(NamedTuple):
 def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     """Estimate cutoff and latency from the ON events after steps of the light.
 
-    Only pixels with at least one ON event per step on average are used: those that see the lamp.
-    The mean number of ON events of a pixel until a time t after the step is A g(a (t - latency)) -
-    B, where g is the step response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the
-    step in thresholds, and B the part of it that the memories of the pixels absorb. Least squares
-    finds A, B, a and the latency, from the first event of the mean pixel on. With one pole, a delay
-    looks like another B, so B is fixed: at 1, for equal thresholds, and at 3/4 and 5/4 for the
-    interval. One and two poles are compared with B at 1. The interval is that of a bootstrap over
-    tiles of pixels, widened by the change of the estimate if the fit begins half an event later,
-    and by that with another B.
+    Only pixels that see the lamp are used: those with at least one ON event per step on average,
+    and half as many as is usual in the tile of pixels with most events. The mean number of ON
+    events of a pixel until a time t after the step is A g(a (t - latency)) - B, where g is the step
+    response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the step in thresholds,
+    and B the part of it that the memories of the pixels absorb. Least squares finds A, B, a and the
+    latency, from the first event of the mean pixel on. With one pole, a delay looks like another B,
+    so B is fixed: at 1, for equal thresholds, and at 3/4 and 5/4 for the interval. One and two
+    poles are compared with B at 1. The interval is that of a bootstrap over tiles of pixels, of
+    pixels if the lamp is in fewer than eight tiles, widened by the change of the estimate if the
+    fit begins half an event later, and by that with another B.
 
     Parameters
     ----------
@@ -76,7 +80,7 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     Raises
     ------
     TaskError
-        There are fewer than two steps, or too few events after them.
+        There are fewer than two steps, or too few events after them, or too few different times.
     """
     if len(rises_us) < _LEAST_STEPS or np.any(np.diff(rises_us) <= 0):
         raise TaskError(
@@ -88,8 +92,8 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     mine = (step >= 0) & (since_us < window_us) & (events.p > 0)
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
-    often = np.bincount(pixel, minlength=1)[pixel] >= len(rises_us)  # the lamp is in its view
-    since_us, pixel, step = since_us[often], pixel[often], step[often]
+    lit = _sees_the_lamp(pixel, events.width, len(rises_us))
+    since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
     if len(since_us) < _LEAST_EVENTS * max(trials, 1):
@@ -99,6 +103,8 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
         )
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     _, tile = np.unique(tile, return_inverse=True)
+    if tile.max() + 1 < _LEAST_TILES:
+        tile = np.arange(len(answering))
     edges_us = np.unique(np.quantile(since_us, np.linspace(0, _TAIL, 4 * _POINTS)).round())
     tiles = int(tile.max()) + 1
     bins = np.searchsorted(edges_us, since_us, side="right")
@@ -112,6 +118,12 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
         return until / (weights @ pixels * len(rises_us))
 
     whole = mean_events(np.ones(tiles))
+    points = curve.points(whole, _FROM + 0.5)
+    if points < _LEAST_POINTS:
+        raise TaskError(
+            f"steps: found {points} different times at which the events after a step come, "
+            f"expected at least {_LEAST_POINTS}: finer times, or a light that rises more slowly"
+        )
     fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda one: fits[one].cost)
     absorbed = None if order == 2 else _ABSORBED
@@ -120,12 +132,11 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     if order == 1:
         others += [curve.fit(whole, order, _FROM, B) for B in _ABSORBED_RANGE]
     rng = np.random.default_rng(0)
-    drawn = np.array(
-        [
-            curve.fit(mean_events(weights.astype(float)), order, _FROM, absorbed, best)[:2]
-            for weights in rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS)
-        ]
-    )
+    draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
+    curves = [mean_events(weights) for weights in draws]
+    # Tiles with little light may be drawn alone.
+    curves = [one for one in curves if curve.points(one, _FROM) >= _LEAST_POINTS] or [whole]
+    drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])
     low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
     cutoff, latency = (
@@ -146,6 +157,16 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     )
 
 
+def _sees_the_lamp(pixel: NDArray[np.int64], width: int, steps: int) -> NDArray[np.bool_]:
+    """Return whether each event's pixel, (N,), sees the lamp."""
+    count = np.bincount(pixel, minlength=1)[pixel]
+    tile = tiles_of(pixel // width, pixel % width, width)
+    busiest = tile == np.bincount(tile, minlength=1).argmax()
+    usual = float(np.median(count[busiest])) if len(pixel) else 0.0
+    found: NDArray[np.bool_] = count >= max(steps, _OF_USUAL * usual)
+    return found
+
+
 class _Fit(NamedTuple):
     cutoff_hz: float
     latency_s: float
@@ -157,6 +178,10 @@ class _Curve:
 
     def __init__(self, t_s: NDArray[np.float64]) -> None:
         self._t_s = t_s
+
+    def points(self, events: NDArray[np.float64], least: float) -> int:
+        """Return the number of points of the curve from `least` events on."""
+        return int(np.count_nonzero(events >= least))
 
     def fit(
         self,

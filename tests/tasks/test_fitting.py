@@ -350,6 +350,46 @@ def test_flashes_give_back_cutoff_and_latency(cutoff_hz, latency_s, photorecepto
     assert latency_s < early <= middle <= late
 
 
+def with_background(events, pixels, count):
+    """Return the events on a larger sensor, with ON events of other pixels at random times."""
+    rng = np.random.default_rng(1)
+    x, y = (np.tile(one, count) for one in rng.integers(24, 96, (2, pixels)))
+    columns = rng.integers(0, events.t_us[-1], x.size), x, y, np.ones(x.size)
+    both = [np.concatenate(pair) for pair in zip(events.columns, columns, strict=True)]
+    order = np.argsort(both[0], kind="stable")
+    kinds = "i8", "u2", "u2", "i1"
+    return Events(*(one[order].astype(k) for one, k in zip(both, kinds, strict=True)), 96, 96)
+
+
+@pytest.mark.parametrize("side", [4, 8])
+def test_a_small_lamp_is_told_from_background(side):
+    """Promise: pixels that fire at random, as many as see the lamp, change neither cutoff nor
+    latency; a lamp in a single tile has intervals too."""
+    events, rises_us = flashes(200.0, 2e-4)
+    lamp = events.where((events.x < side) & (events.y < side))
+    found = fit_response(with_background(lamp, pixels=20, count=24), rises_us)
+    inside(found.cutoff_hz, 200.0)
+    inside(found.latency_s, 2e-4)
+
+
+def test_draws_of_background_alone_are_left_out(monkeypatch):
+    """Promise: where the lamp is in few of the tiles, no draw of the others ends in a traceback."""
+    monkeypatch.setattr("tasks.fitting.response._OF_USUAL", 0.0)
+    events, rises_us = flashes(200.0, 2e-4)
+    lamp = events.where((events.x < 4) & (events.y < 4))
+    found = fit_response(with_background(lamp, pixels=14, count=8), rises_us)
+    assert found.cutoff_hz.low < found.cutoff_hz.value < found.cutoff_hz.high
+
+
+def test_events_at_too_few_times_are_refused():
+    """Promise: a clock too coarse for a curve is an error in one line."""
+    events, rises_us = flashes(200.0, 2e-4)
+    late = np.searchsorted(rises_us, events.t_us, side="right") - 1
+    coarse = Events(rises_us[np.maximum(late, 0)] + 5, *events.columns[1:], 24, 24)
+    with pytest.raises(TaskError, match=r"steps: found . different times .*expected at least 5"):
+        fit_response(coarse, rises_us)
+
+
 def frames_of(folder, step):
     """Write every n-th frame of the texture, as floats, with their times."""
     light, t_s = texture()

@@ -75,8 +75,8 @@ def test_numbers_of_numpy_are_numbers(small_carpet, tmp_path):
 
 
 def test_images_of_a_faster_scene_are_on_its_clock(small_carpet, tmp_path, eres):
-    """Promise: at twice the speed, images are those of twice the exposure and half the rate, at half
-    the times, as the times of the events are."""
+    """Promise: at twice the speed, images are those of twice the exposure and half the rate, at
+    half the times, as the times of the events are."""
     options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "samples": 1}
     (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)
     spans_us, codes = [], []
