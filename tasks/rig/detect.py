@@ -15,6 +15,7 @@ from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import RigError
+from tasks.exposures import FILE_NAME as FRAMES_TABLE
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
 from tasks.rig.page import linear
@@ -130,14 +131,20 @@ def _need_frames(recording: Recording) -> None:
 def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures:
     """Yield the frames that are nearest to times along the way; each once."""
     _need_frames(recording)
-    taken_us = np.array([frame.t_us for frame in recording.frames])
+    first_us, last_us = recording.slider.t_us[[0, -1]].tolist()
+    frames = [frame for frame in recording.frames if first_us <= frame.t_us <= last_us]
+    if not frames:
+        raise RigError(
+            f"{recording.folder / FRAMES_TABLE}: found no frame within the readings of the slider, "
+            f"expected some from {first_us:.0f} to {last_us:.0f} us"
+        )
+    taken_us = np.array([frame.t_us for frame in frames])
     wanted_us = recording.slider.evenly_along(
         images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps
     )
     nearest = np.unique(np.argmin(abs(taken_us[:, None] - wanted_us), axis=0))
     for k in nearest.tolist():
-        frame = recording.frames[k]
-        yield frame.t_us, frame.codes(recording.camera)
+        yield frames[k].t_us, frames[k].codes(recording.camera)
 
 
 class _Integration:
@@ -175,6 +182,7 @@ def _from_events(
 ) -> Pictures:
     """Yield images that are made of the events."""
     camera = recording.camera
+    first_us, last_us = _span(recording)
     method: VideoMethod
     if source == "hf":
         method = HighPassFilter(camera.width, camera.height, _ANY_THRESHOLD)
@@ -184,7 +192,12 @@ def _from_events(
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
         method = _Integration(np.log(light + _DARK), frame.t_us, *thresholds)
-    first_us, last_us = _span(recording)
+        first_us = max(first_us, float(frame.t_us))
+        if not first_us < last_us:
+            raise RigError(
+                f"{recording.folder}: found no events after the first frame, at {frame.t_us} us, "
+                "expected some within the readings of the slider"
+            )
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
     for part in recording.events():

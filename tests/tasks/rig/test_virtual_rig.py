@@ -37,6 +37,7 @@ from tasks.rig.evaluate import RigEvaluation, evaluate_rig
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
 from tasks.rig.settings import read_rig
+from tasks.rig.slider import Slider
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -122,6 +123,33 @@ def test_integrated_events_measure_the_cutoff(recording):
     found = detect(recording, "ei", images=10)
     solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
     assert solved.latency_ms == pytest.approx(1e3 / (math.pi * CUTOFF_HZ), rel=0.1)
+
+
+def test_images_of_events_begin_with_their_first_frame(recording):
+    """Promise: where the first frame comes late, as many markers are found, at times after it:
+    before it, its corners would be those of another time."""
+    late = open_recording(recording.folder)
+    vars(late)["frames"] = recording.frames[4:]
+    found = detect(late, "ei", images=4)
+    assert len(np.unique(found.t_us)) == 4
+    assert found.t_us.min() > late.frames[0].t_us
+    vars(late)["frames"] = [replace(recording.frames[-1], t_start_us=10**9, t_end_us=10**9)]
+    with pytest.raises(
+        RigError, match="near: found no events after the first frame, at 1000000000"
+    ):
+        detect(late, "ei", images=4)
+
+
+def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
+    """Promise: no marker has a time at which the slider's position is unknown."""
+    short = open_recording(recording.folder)
+    inside = recording.slider.t_us > recording.frames[4].t_us
+    vars(short)["slider"] = Slider(recording.slider.t_us[inside], recording.slider.x_m[inside])
+    found = detect(short, "frame", images=10)
+    assert found.t_us.min() >= recording.frames[5].t_us
+    vars(short)["frames"] = recording.frames[:4]
+    with pytest.raises(RigError, match=r"frames.csv: found no frame within the readings"):
+        detect(short, "frame", images=10)
 
 
 def test_blur_makes_the_latency_that_of_the_photoreceptor(folder, tmp_path):
