@@ -346,6 +346,21 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
         evaluate_sequence(short, "tracking", width=64, speed=0.0)
 
 
+@pytest.mark.parametrize(
+    ("task", "said"),
+    [
+        ("tracking", "tracking: found a window that starts at 0 s .*expected 0.004 s or later"),
+        ("dense_flow", "dense_flow: found a window from 0 to 0.02 s of the path, expected one"),
+    ],
+)
+def test_tasks_of_clips_refuse_a_continuous_sequence(small_carpet, tmp_path, task, said):
+    """Promise: what the path before the window is needed for is refused with what to render."""
+    options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "duration_s": 0.02}
+    (whole,) = render_scene(small_carpet, tmp_path, continuous=True, **options)
+    with pytest.raises(TaskError, match=said + ".*; render clips, without --continuous"):
+        evaluate_sequence(whole, task, width=16, speed=2.0)
+
+
 def test_dense_flow_keeps_the_events_of_two_windows_only():
     """Promise: those of the warm-up do not stay in memory."""
     size = 1 << 14

@@ -28,6 +28,12 @@ class DenseFlowScorer:
         first_us = float(reference.sequence.t_s[0]) / setting.speed * 1e6
         if first_us > self._before_us + 1:
             start_s, end_s = reference.sequence.window_s
+            if end_s > 2 * start_s:  # of all of the path, for example
+                raise TaskError(
+                    f"dense_flow: found a window from {start_s:g} to {end_s:g} s of the path, "
+                    "expected one with as much of the path before it; render clips, without "
+                    "--continuous"
+                )
             raise TaskError(
                 f"dense_flow: found frames from {first_us * 1e-6 * setting.speed:g} s on, expected "
                 f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "

@@ -19,7 +19,14 @@ from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
-from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
+from tasks.tracking import (
+    KNOT_INTERVAL_S,
+    path_at,
+    perturbed,
+    position_error_mm,
+    succeeded,
+    tracking_sample,
+)
 from tasks.variants import sigma_variant
 
 _PIXELS_PER_EVENT = 2  # keep the events of so many random pixels per event that a method may get
@@ -31,6 +38,7 @@ class TrackingScorer:
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Tracking) -> None:
         self._reference, self._setting, self._task = reference, setting, task
         model = setting.model
+        _check_start(reference.sequence.window_s[0], setting.speed)
         # The path is in the events' time: a faster camera runs through it sooner.
         self._truth = path_at(self._pose, 0.0)
         duration_us = round(self._truth.duration_s * 1e6)
@@ -109,6 +117,17 @@ def _random_pixels(seed: tuple[int, int], height: int, width: int, count: int) -
     kept.ravel()[np.random.default_rng(seed).permutation(kept.size)[:count]] = True
     kept.flags.writeable = False
     return kept
+
+
+def _check_start(start_s: float, speed: float) -> None:
+    """Refuse windows before which the scene's path has no room for a knot, as that of all of it."""
+    before_s = KNOT_INTERVAL_S * speed
+    if start_s < before_s - 1e-9:
+        raise TaskError(
+            f"tracking: found a window that starts at {start_s:g} s of the path, expected "
+            f"{before_s:g} s or later, one knot after the path's start; render clips, without "
+            "--continuous"
+        )
 
 
 def _check_frames(
