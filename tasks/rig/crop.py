@@ -41,6 +41,7 @@ Float64 = NDArray[np.float64]
 FILE_NAME = "crop.json"
 EVENTS_NAME = "events.h5"
 
+_ALONG_SIDE = 65  # points of a side, which a lens bends
 _POSITIONS = 33  # positions of the slider at which fields are compared
 _MOST_ROLL_DEG = 20  # beyond, little is left of a box in a rolled box
 _POSES_US = 1000  # time between two written poses and homographies
@@ -69,6 +70,12 @@ class Box:
         """Return the corners, (4, 2) px, clockwise from the top left."""
         (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
         return np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
+
+    def sides(self) -> Float64:
+        """Return points along the sides, (4, N, 2) px, clockwise from the top left."""
+        starts = self.corners()
+        ends = np.roll(starts, -1, axis=0)
+        return np.linspace(starts, ends, _ALONG_SIDE, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,28 +161,28 @@ def common_boxes(
     for camera, pose in both:
         whole = Box(0, 0, camera.width, camera.height)
         for x in positions:
-            seen = on_page(pose, camera, whole.corners(), x)
+            seen = on_page(pose, camera, whole.sides(), x)
             field = _inside(field, poses[nearest].project(cameras[nearest], seen, x))
     boxes = []
     for camera, pose in both:
         box = Box(0, 0, camera.width, camera.height)
         for x in positions:
-            seen = on_page(poses[nearest], cameras[nearest], field.corners(), x)
+            seen = on_page(poses[nearest], cameras[nearest], field.sides(), x)
             box = _inside(box, pose.project(camera, seen, x))
         boxes.append(box)
     return boxes
 
 
-def _inside(box: Box, quad_px: Float64) -> Box:
-    """Return the part of a box within a quadrangle, (4, 2) clockwise from any corner."""
+def _inside(box: Box, sides_px: Float64) -> Box:
+    """Return the part of a box within four bent sides, (4, N, 2) clockwise from any corner."""
     # A camera may be upside down, so the corner at its top left is looked for.
-    quad_px = np.roll(quad_px, -int(np.argmin(quad_px.sum(axis=1))), axis=0)
-    (left_a, top_a), (right_a, top_b), (right_b, bottom_b), (left_b, bottom_a) = quad_px
+    first = int(np.argmin(sides_px[:, 0].sum(axis=1)))
+    top, right, bottom, left = np.roll(sides_px, -first, axis=0)
     found = Box(
-        max(box.left, int(np.ceil(max(left_a, left_b) - 1e-6))),
-        max(box.top, int(np.ceil(max(top_a, top_b) - 1e-6))),
-        min(box.right, int(np.floor(min(right_a, right_b) + 1e-6))),
-        min(box.bottom, int(np.floor(min(bottom_a, bottom_b) + 1e-6))),
+        max(box.left, int(np.ceil(left[:, 0].max() - 1e-6))),
+        max(box.top, int(np.ceil(top[:, 1].max() - 1e-6))),
+        min(box.right, int(np.floor(right[:, 0].min() + 1e-6))),
+        min(box.bottom, int(np.floor(bottom[:, 1].min() + 1e-6))),
     )
     if found.width < 1 or found.height < 1:
         raise RigError("crop: found no field that all cameras see at all positions of the slider")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eres_render import Camera, open_sequence
+from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
 from sensor import Events, SensorModel
@@ -23,9 +23,10 @@ from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
 from tasks.rig import virtual
-from tasks.rig.bundle import Unknowns
+from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import (
     compare,
+    on_page,
     read_calibration,
     read_truth,
     solve_recording,
@@ -423,6 +424,21 @@ def test_common_field_of_two_distances(recording, frames_solved, roll_deg):
         assert np.all(low < left + 3 * pixel_m)
         assert np.all(high < right + 0.01 * pixel_m + 3 * pixel_m * 0.02)
         assert np.all(high > right - 3 * pixel_m)
+
+
+@pytest.mark.parametrize("k1", [0.0, -0.1, -0.3])
+def test_a_lens_that_bends_the_sides_does_not_widen_the_field(k1):
+    """Promise: at all positions, the box of the far camera shows nothing that is outside that of
+    the near one, and leaves out less than two pixels on a side: a lens bends its sides outward."""
+    camera = Camera(200, 150, fx=260.0, cx=104.0, cy=71.0, distortion=Distortion(k1))
+    near = RigPose(np.eye(3), np.array([0.07, 0.06, -0.14]), np.array([1.0, 0.0, 0.0]))
+    far = rolled(near, 0)
+    x_m = 0.0, 0.03
+    inner, outer = common_boxes([camera, camera], [near, far], x_m)
+    seen = [near.project(camera, on_page(far, camera, outer.sides(), x), x) for x in x_m]
+    low, high = np.min(seen, axis=(0, 1, 2)), np.max(seen, axis=(0, 1, 2))
+    for found in (low - (inner.left, inner.top), (inner.right, inner.bottom) - high):
+        assert np.all((found > -0.01) & (found < 2 * 0.24 / 0.14)), found
 
 
 def run(monkeypatch, *arguments):
