@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from eres_render import open_sequence
-from sensor.formats import FORMATS, read_header
+from sensor import EventFormatError
+from sensor.formats import FORMATS, read_events, read_header
 from sensor.formats.dsec_reader import DsecReader, named_errors
 from tasks.errors import TaskError
 
@@ -25,6 +26,8 @@ TRUTH = {
 TARGETS = ("frame", *TRUTH)
 
 _DSEC = FORMATS["dsec"].suffixes
+_OFTEN_OTHERS = (".txt", ".csv", ".npz", ".dat")  # a README, times of images, a table
+_ANY_SIZE = (1 << 16, 1 << 16)
 _ORIGIN = ("scene", "clip", "frames_width", "frames_height")
 
 
@@ -116,10 +119,20 @@ def _below(folder: Path, pattern: str) -> Iterator[Path]:
 
 
 def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> bool:
+    suffix = path.suffix.lower()
     suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-    return path.suffix.lower() in suffixes and not any(
-        clip in path.parents for clip in clips.values()
-    )
+    if suffix not in suffixes or any(clip in path.parents for clip in clips.values()):
+        return False
+    return suffix not in _OFTEN_OTHERS or _has_events(path)
+
+
+def _has_events(path: Path) -> bool:
+    """Return whether a first event can be read."""
+    try:
+        size = None if read_header(path).width is not None else _ANY_SIZE
+        return any(len(part) for part in read_events(path, size=size))
+    except EventFormatError:
+        return False
 
 
 def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:

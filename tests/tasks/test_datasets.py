@@ -337,6 +337,25 @@ def test_half_a_recording_is_named(folder, tmp_path, damage, said):
         EventDataset(copy)
 
 
+def test_files_that_are_not_events_may_lie_beside_them(folder, tmp_path):
+    """Promise: notes, tables and the times of images are left alone; events are still named."""
+    copy = copied(folder, tmp_path)
+    (copy / "README.txt").write_text("Two recordings.")
+    (copy / "frames.csv").write_text("t_us_start,t_us_end,file\n0,10,000000.png\n")
+    (copy / "timestamps.txt").write_text("# unit: us\n10\n20\n")
+    (copy / "poses.txt").write_text("# t x y z qx qy qz qw\n0.0 0 0 0 0 0 0 1\n")
+    (copy / "notes.dat").write_bytes(b"anything")
+    np.savez(copy / "table.npz", losses=np.zeros(3))
+    assert len(EventDataset(copy)) == len(EventDataset(folder))
+    (copy / "notes.dat").unlink()  # its reader takes long
+    events = load_events(copy / "1.h5")
+    for name in ("2.txt", "2.npz"):
+        write_events(copy / name, events)
+        with pytest.raises(TaskError, match=f"{name}: found a format without windows"):
+            EventDataset(copy)
+        (copy / name).unlink()
+
+
 def test_sensors_of_different_size_are_refused(folder, tmp_path):
     """Promise: all windows have the same size, so that they can be stacked."""
     copy = copied(folder, tmp_path)
