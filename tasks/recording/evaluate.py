@@ -200,7 +200,10 @@ def _thresholds(
             f"frames, fitted to them; {100 * unexplained:.0f} % of their change stays unexplained"
         )
         return worth
-    found = fit_recording(recording, frames)
+    try:
+        found = fit_recording(recording, frames)
+    except TaskError as error:
+        raise TaskError(f"{error}; or give --threshold") from None
     notes.append(
         f"thresholds: ON {found.on}, OFF {found.off} at a dark level of {found.dark:g} of white, "
         f"fitted to the light at {found.events} events; {100 * found.unexplained:.0f} % of its "

@@ -221,6 +221,12 @@ def test_flow_with_frames_beats_doing_nothing(recording, frames):
     assert any(note.startswith("thresholds: ON 0.") for note in found.notes)
 
 
+def test_frames_that_show_no_thresholds_say_what_to_give(recording, frames):
+    """Promise: the error names the option that makes the fit unnecessary."""
+    with pytest.raises(TaskError, match=r"found 2 frames within .*; or give --threshold"):
+        evaluate_recording(recording, "flow", frames=frames.some(np.arange(1, 3)))
+
+
 def test_flow_without_frames_sharpens_the_events(recording):
     """Promise: zero flow gains nothing, exactly, and contrast maximization does; methods that need
     an image are left out."""
