@@ -39,6 +39,7 @@ _WALL = 0.6 * PAPER  # reflectance
 _BEHIND_M = 1e-4  # the wall is behind the page
 _MARGIN = 1.2  # size of the wall over what the camera sees of it
 _CLEARANCE_M = 0.01
+_LEAST_EXPOSURE_S = 2e-6  # start, middle and end are whole microseconds
 
 _XML = (Path(__file__).parent / "page_scene.xml").read_text(
     encoding="utf-8"
@@ -139,14 +140,18 @@ def render_rig(
     Raises
     ------
     RigError
-        If the rig has no slider, the depth is not positive, the camera does not face the page, or
-        the folder has the recording of another rig or depth.
+        If the rig has no slider, the depth is not positive, the exposure is shorter than 2 us, the
+        camera does not face the page, or the folder has the recording of another rig or depth.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
         raise RigError(f"{rig_file}: slider: missing, expected the strokes to render")
     check_positive("depth", depth_m, RigError, "a positive number of meters")
     frame_camera.check()
+    if frame_camera.exposure < _LEAST_EXPOSURE_S:
+        raise RigError(
+            f"exposure: found {frame_camera.exposure:g} s, expected at least {_LEAST_EXPOSURE_S:g}"
+        )
     page = lay_out(settings.page)
     codes = draw(page, settings.page, rig_file.parent)
     slider = strokes(settings.slider)

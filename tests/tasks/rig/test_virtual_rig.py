@@ -380,6 +380,19 @@ def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new, 
     assert {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()} == before
 
 
+def test_an_exposure_of_no_length_is_refused_before_the_render(tmp_path):
+    """Promise: nothing is written for an exposure of a microsecond, which has no middle."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    with pytest.raises(RigError, match="exposure: found 1e-06 s, expected at least 2e-06"):
+        render_rig(
+            *(tmp_path / "rig.toml", tmp_path / "near", DEPTH_M),
+            frame_camera=FrameCameraOptions(exposure=1e-6),
+            spp=1,
+            max_displacement_px=50.0,
+        )
+    assert not (tmp_path / "near").exists()
+
+
 def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
