@@ -48,7 +48,7 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
         text = line.partition("#")[0].strip()
         if text:
             try:
-                times.append(round(float(text)))
+                times.append(np.int64(round(float(text))))
             except (ValueError, OverflowError):
                 raise TaskError(f"{file}:{k}: found {text!r}, expected a time in us") from None
     return np.array(times, np.int64)

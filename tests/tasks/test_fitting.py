@@ -475,6 +475,7 @@ def test_a_recording_without_events_is_named(eres, tmp_path):
 
 
 def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
+    """Promise: one line says what was found, with file and line where a time is none."""
     events = moving(0.2, 0.2, 1e-2)
     with pytest.raises(TaskError, match="still: found an end of 9 s, expected at most 0"):
         fit_recording(events, Evidence(still_s=(0.0, 9.0)))
@@ -489,9 +490,10 @@ def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
     file = tmp_path / "steps.txt"
     file.write_text("100\n\n2e3 # ON\n")
     assert read_steps(str(file), file).tolist() == [100, 2000]
-    file.write_text("100\nsoon")
-    with pytest.raises(TaskError, match=r"steps.txt:2: found 'soon', expected a time in us"):
-        read_steps(str(file), file)
+    for wrong in ("soon", "1e30", "inf"):
+        file.write_text(f"100\n{wrong}")
+        with pytest.raises(TaskError, match=f"steps.txt:2: found '{wrong}', expected a time in us"):
+            read_steps(str(file), file)
     with pytest.raises(TaskError, match=r"none\.txt: no such file"):
         read_steps(str(tmp_path / "none.txt"), file)
 
