@@ -19,6 +19,7 @@ from tasks.rig.evaluate import page_view
 from tasks.rig.page import read_page_image, reflectance
 
 _STEP_PX = 0.5  # motion between two frames of the light
+_STEP_US = 100.0  # time between two positions of which the motion is known
 _MOST_STEPS = 1000
 
 
@@ -38,7 +39,8 @@ def light_of_crop(folder: Path) -> Footage:
     Raises
     ------
     RigError
-        If the folder is not a crop, it has no events, or nothing moves in it.
+        If the folder is not a crop, it has no events while the slider is read, or nothing moves in
+        it.
     """
     cropped = read_crop(folder)
     camera, pose = cropped.camera(), cropped.pose.pose()
@@ -49,7 +51,13 @@ def light_of_crop(folder: Path) -> Footage:
             for k in (0, -1)]  # fmt: skip
     if not ends:
         raise RigError(f"{folder / EVENTS_NAME}: found no events")
-    t_us = np.arange(max(ends[0], slider.t_us[0]), min(ends[-1], slider.t_us[-1]), 100.0)
+    t_us = np.arange(max(ends[0], slider.t_us[0]), min(ends[-1], slider.t_us[-1]), _STEP_US)
+    if len(t_us) < 2:
+        raise RigError(
+            f"{folder}: found events from {ends[0]} to {ends[-1]} us and readings of the slider "
+            f"from {slider.t_us[0]:.0f} to {slider.t_us[-1]:.0f} us, expected both for "
+            f"{_STEP_US:g} us"
+        )
     x_m = slider.position_m(t_us)
     middle = np.array([[0.5 * camera.width, 0.5 * camera.height]])
     at_m = on_page(pose, camera, middle, float(x_m.mean()))

@@ -35,10 +35,11 @@ from tasks.rig.calibration import (
 from tasks.rig.crop import common_boxes, crop, homography, read_crop
 from tasks.rig.detect import _Integration, detect
 from tasks.rig.evaluate import RigEvaluation, evaluate_rig
+from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
 from tasks.rig.settings import read_rig
-from tasks.rig.slider import Slider
+from tasks.rig.slider import Slider, write_slider
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -250,6 +251,20 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     }
     assert median["contrast_maximization"] < median["initial_flow"]
     assert median["high_pass_filter"] > median["blank"]
+
+
+def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, tmp_path):
+    """Promise: clocks that overlap for less than 100 us, or not at all, are an error in one
+    line."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    first_us = load_events(out / "events.h5").t_us[0]
+    for until_us in (40.0, -300.0):
+        readings = Slider(first_us + np.array([-500.0, until_us]), np.array([0.0, 0.01]))
+        write_slider(out / "slider.csv", readings)
+        with pytest.raises(RigError, match=r"near: found events from .* expected both for 100 us"):
+            light_of_crop(out)
 
 
 def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_path):
