@@ -46,8 +46,8 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     Raises
     ------
     TaskError
-        The rate is not positive, a time is not finite, the end is before the start, there are more
-        than a million images, or there is none.
+        The rate is not positive or above 1e6 Hz, a time is not finite, the end is before the start,
+        there are more than a million images, or there is none.
     """
     check_positive("fps", options.fps, TaskError)
     for name, found in (("start", options.start), ("end", options.end)):
@@ -57,6 +57,8 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     if start_s is not None and end_s is not None and end_s < start_s:
         raise TaskError(f"end: found {end_s:g} s, expected {start_s:g} s, the start, or later")
     step_us = 1e6 / options.fps
+    if step_us < 1:
+        raise TaskError(f"fps: found {options.fps:g}, expected at most 1e6: times are whole us")
     start_us = recording.start_us + step_us if start_s is None else 1e6 * start_s
     end_us = recording.end_us if end_s is None else 1e6 * end_s
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
