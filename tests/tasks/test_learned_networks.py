@@ -42,7 +42,6 @@ from tasks.learned import e2vid_network as e2vid_network_file  # noqa: E402
 from tasks.learned.correlation import Correlation  # noqa: E402
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent  # noqa: E402
 from tasks.learned.eraft_network import ERAFT, cells, padded  # noqa: E402
-from tasks.learned.forward_flow import carried_forward  # noqa: E402
 from tasks.methods import check_method, code_of, load_method  # noqa: E402
 from tasks.methods.networks import digest_of  # noqa: E402
 
@@ -270,6 +269,22 @@ def test_eraft_equals_the_published_code(run, updates):
         assert_described(full[-1], expected["warm_flow_up_after_2"], 1e-4)
 
 
+def carried_forward(flow):
+    """Return the published start for the next pair of windows: flow (1, 2, h, w) moved along
+    itself, in cells. Each cell votes with bilinear weights for those around its target, twice at
+    whole coordinates; a cell without votes gets 0."""
+    height, width = flow.shape[-2:]
+    x, y = (cells(height, width) + flow)[0]
+    total = torch.zeros(3, height * width)  # sums of both components and of the weights
+    for column in (x.floor(), x.ceil()):
+        for row in (y.floor(), y.ceil()):
+            share = (1 - (x - column).abs()) * (1 - (y - row).abs())
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            votes = torch.stack([share * flow[0, 0], share * flow[0, 1], share])[:, inside]
+            total.index_add_(1, (row * width + column)[inside].long(), votes)
+    return (total[:2] / (total[2] + 1e-15)).view(1, 2, height, width)
+
+
 def correlation_levels(old, new):
     """Return the whole correlation, (h * w, 1, h', w') at each level: the slow reference."""
     queries = old[0].reshape(old.shape[1], -1).T / math.sqrt(old.shape[1])
@@ -336,19 +351,6 @@ def test_places_that_are_not_finite_give_no_error():
     at[0, :, 3, 3], at[0, 1, 5, 5] = torch.nan, torch.inf
     features = torch.ones(1, 4, 16, 16)
     assert Correlation(features, features).look_up(at).shape == (1, 324, 16, 16)
-
-
-def test_the_warm_start_follows_a_steady_flow():
-    """Analytic: a uniform shift by half a cell reaches all cells but the first column."""
-    flow = torch.zeros(1, 2, 3, 4)
-    flow[:, 0] = 0.5
-    found = carried_forward(flow)
-    assert torch.allclose(found[0, 0], torch.tensor(0.5))
-    flow[:, 0] = 1.5
-    found = carried_forward(flow)
-    assert torch.allclose(found[0, 0, :, 1:], torch.tensor(1.5))
-    assert not found[0, 0, :, 0].any()
-    assert not found[0, 1].any()
 
 
 def test_checkpoints_load_with_and_without_options(saved):
