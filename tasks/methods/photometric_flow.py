@@ -21,14 +21,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.flow import FlowEstimate, FlowSample
+from tasks.flow import REACH_SIGMAS, FlowEstimate, FlowSample
 from tasks.numerics import bicubic
 from tasks.numerics.compiling import jit, jit_contract
 
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
-BOUND_SIGMAS = 4.0
 _MAX_STEPS = 1000  # fine texture and a slow sensor need 100 to 300
 _CONVERGED_PX = 1e-3
 _DESCENT_STEPS = 200  # of steepest descent
@@ -96,7 +95,7 @@ def _estimate(
     found, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
-    reach = BOUND_SIGMAS * sample.initial_sigma_px
+    reach = REACH_SIGMAS * sample.initial_sigma_px
     if np.abs(found[:2] - sample.initial).max() > reach:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
     return FlowEstimate(found[:2], delay=float(found[3]))

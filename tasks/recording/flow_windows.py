@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from sensor import Events
 from tasks.errors import TaskError
-from tasks.flow import FlowSample, flow_sample
+from tasks.flow import REACH_SIGMAS, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.frames import Frames
 from tasks.recording.options import FlowOptions
@@ -29,8 +29,6 @@ from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, cut
 from tasks.recording.score import CONTRAST_GAIN, END_POINT_ERROR
 from tasks.recording.tracks import strong_corners, track
-
-_SIGMAS = 4  # reach of the search of every method
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +81,12 @@ class Start:
         Start
         """
         reach_px = options.search_px or width / 16
-        return cls(contrast_threshold, options.patch_px, reach_px / _SIGMAS)
+        return cls(contrast_threshold, options.patch_px, reach_px / REACH_SIGMAS)
 
     @property
     def reach_px(self) -> float:
         """Largest flow along each axis, px."""
-        return _SIGMAS * self.sigma_px
+        return REACH_SIGMAS * self.sigma_px
 
     def sample(
         self, events: Events, window: Window, log_image: NDArray, center_px: NDArray

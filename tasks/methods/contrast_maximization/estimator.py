@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tasks.flow import FlowEstimate, FlowSample
+from tasks.flow import REACH_SIGMAS, FlowEstimate, FlowSample
 from tasks.methods.contrast_maximization.contrast import Contrast
 from tasks.methods.contrast_maximization.search import find_sharpest
 
 MIN_EVENTS = 10
-_BOUND_SIGMAS = 4.0
 
 
 def estimate(
@@ -39,7 +38,7 @@ def estimate(
     """
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
-    reach = _BOUND_SIGMAS * sample.initial_sigma_px
+    reach = REACH_SIGMAS * sample.initial_sigma_px
     contrast = Contrast(sample, reach, objective, offset_px)
     simplex = np.zeros((3, 3))
     simplex[1, 0] = simplex[2, 1] = max(0.5 * sample.initial_sigma_px, 1e-3)
