@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events, SensorModel, simulate
+from sensor.levels import DARK_FRACTION
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.settings import Crops, Light
 from tasks.random_crops.texture import random_texture
 from tasks.random_crops.view import view
 
-DARK_LEVEL = 1e-3  # of white, the sensors' default
 _HELD_OUT = 1 << 64  # larger than any seed
 
 
@@ -62,7 +62,7 @@ class Crop:
         (side_px, side_px) log intensity, including the dark level.
         """
         (homography,) = self.motion.homographies(np.array([t]), side_px)
-        return np.log(view(self.texture, homography, side_px) + np.float32(DARK_LEVEL))
+        return np.log(view(self.texture, homography, side_px) + np.float32(DARK_FRACTION))
 
 
 def random_crop(
@@ -115,7 +115,7 @@ def random_crop(
         height=crops.side_px,
         contrast_threshold=contrast_threshold,
         cutoff_hz=cutoff_hz,
-        dark_level=DARK_LEVEL,
+        dark_level=DARK_FRACTION,
     )
     window_s = 1e-3 * crops.window_ms
     events = simulate(frames(), window_s * times, model, threads=1)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
+from sensor.levels import DARK_FRACTION
 from tasks.errors import RigError
 from tasks.exposures import FILE_NAME as FRAMES_TABLE
 from tasks.methods.high_pass_filter import HighPassFilter
@@ -25,7 +26,6 @@ from tasks.video import ImageTaker, VideoMethod
 Float64 = NDArray[np.float64]
 Pictures = Iterator[tuple[int, NDArray[Any]]]  # times, us, and images of codes or log light
 
-_DARK = 1e-3  # of white, added to the light of a frame before its logarithm
 _ANY_THRESHOLD = 1.0  # of the high-pass filter, whose images are stretched anyway
 
 
@@ -191,7 +191,7 @@ def _from_events(
         thresholds = _thresholds(recording, contrast_threshold)
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
-        method = _Integration(np.log(light + _DARK), frame.t_us, *thresholds)
+        method = _Integration(np.log(light + DARK_FRACTION), frame.t_us, *thresholds)
         first_us = max(first_us, float(frame.t_us))
         if not first_us < last_us:
             raise RigError(

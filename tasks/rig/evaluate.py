@@ -22,6 +22,7 @@ from eres_render.progress import Progress, silent
 from sensor import Events
 from sensor.events import concatenate
 from sensor.formats import read_events, read_header
+from sensor.levels import DARK_FRACTION
 from tasks.errors import RigError
 from tasks.evaluation.scorers.answers import ask, ask_each, flow_answer, image_answer, path_answer
 from tasks.flow import (
@@ -53,7 +54,6 @@ Float64 = NDArray[np.float64]
 
 PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
-_DARK = 1e-3  # added to the reflectance before the logarithm
 _EVEN = 1e-3  # largest deviation from constant speed at half time, as a fraction of the travel
 _MOST_SUPERSAMPLES = 4
 
@@ -312,7 +312,7 @@ def page_view(
 
 
 def _log_view(crop: _Crop, x_m: float) -> Float64:
-    return np.log(page_view(crop.camera, crop.pose, x_m, crop.page, crop.light) + _DARK)
+    return np.log(page_view(crop.camera, crop.pose, x_m, crop.page, crop.light) + DARK_FRACTION)
 
 
 def _row(

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from sensor.levels import DARK_FRACTION
 from sensor.representations import voxel_grid
 from tasks.errors import TaskError
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS, OurReconstruction
-from tasks.random_crops.crop import DARK_LEVEL, random_crop
+from tasks.random_crops.crop import random_crop
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.samples import flow_sample, video_sample
 from tasks.random_crops.settings import Crops, FlowCrops
@@ -270,4 +271,4 @@ def test_wrong_settings_are_refused_by_name():
         with pytest.raises(TaskError, match=words):
             replace(CROPS, **change)
     assert FlowCrops().window_ms == 50
-    assert DARK_LEVEL < DARKEST
+    assert DARK_FRACTION < DARKEST
