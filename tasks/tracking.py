@@ -314,3 +314,26 @@ def succeeded(estimate: TrackingEstimate, error_mm: float, initial_error_mm: flo
     Whether the method succeeded.
     """
     return not estimate.failure and error_mm < _SUCCESS_SHARE * initial_error_mm
+
+
+def failure_of(
+    estimate: TrackingEstimate, initial: Trajectory, error_mm: float, initial_error_mm: float
+) -> str:
+    """Return why a method failed: its own reason, or that it moved the path and did not succeed.
+
+    Parameters
+    ----------
+    estimate
+        The method's answer.
+    initial
+        The path from which it started.
+    error_mm, initial_error_mm
+        As for `succeeded`.
+
+    Returns
+    -------
+    The reason, or "".
+    """
+    moved = estimate.path is not initial
+    lost = moved and not succeeded(estimate, error_mm, initial_error_mm)
+    return estimate.failure or ("ended far off" if lost else "")

@@ -46,7 +46,7 @@ from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.page import Page, read_page_image, reflectance
 from tasks.rig.slider import Slider
 from tasks.row import Row
-from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
+from tasks.tracking import failure_of, path_at, perturbed, position_error_mm, tracking_sample
 from tasks.variants import NATIVE_PATCH, sigma_variant
 from tasks.video import ImageTaker, picture
 
@@ -427,12 +427,10 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         answer, _ = ask("tracking", name, load_method("tracking", name), sample)
         estimate = path_answer(name, sample, answer)
         error_mm = position_error_mm(estimate.path, pose, 0.0, truth.duration_s)
-        moved = estimate.path is not sample.initial
-        lost = moved and not succeeded(estimate, error_mm, initial_mm)
         yield _row(
             *(crop, window, "tracking", name, "position_error_mm", error_mm),
             variant=sigma_variant(settings.initial_sigma_mm),
-            failure=estimate.failure or ("ended far off" if lost else ""),
+            failure=failure_of(estimate, sample.initial, error_mm, initial_mm),
         )
 
 

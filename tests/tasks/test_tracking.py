@@ -19,6 +19,7 @@ from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import (
     TrackingEstimate,
+    failure_of,
     path_at,
     perturbed,
     position_error_mm,
@@ -404,6 +405,14 @@ def test_the_error_is_the_mean_distance_and_the_baseline_keeps_it(scene):
     assert load_method("tracking", "photometric_tracking") is eppt.estimate
     assert succeeded(TrackingEstimate(moved), 0.9, 2.0)
     assert not succeeded(TrackingEstimate(moved), 1.1, 2.0)
+
+
+def test_a_path_that_stays_fails_only_if_the_method_says_so():
+    """Promise: doing nothing is no failure; a path that moved and is not twice as good is one."""
+    initial, moved = (perturbed(path_at(moving_camera(0), 0.0), 1e-3, k) for k in (0, 1))
+    cases = (initial, "", 2.0), (initial, "no events", 2.0), (moved, "", 2.0), (moved, "", 0.9)
+    found = [failure_of(TrackingEstimate(p, why), initial, mm, 2.0) for p, why, mm in cases]
+    assert found == ["", "no events", "ended far off", ""]
 
 
 @pytest.mark.slow

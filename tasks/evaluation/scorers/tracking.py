@@ -21,10 +21,10 @@ from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
 from tasks.tracking import (
     KNOT_INTERVAL_S,
+    failure_of,
     path_at,
     perturbed,
     position_error_mm,
-    succeeded,
     tracking_sample,
 )
 from tasks.variants import sigma_variant
@@ -94,14 +94,11 @@ class TrackingScorer:
                 answer, cpu_s = ask("tracking", name, method, sample)
                 estimate = path_answer(name, sample, answer)
                 error_mm = self._error_mm(estimate.path)
-                moved = estimate.path is not sample.initial
-                lost = moved and not succeeded(estimate, error_mm, initial_mm)
-                failure = estimate.failure or ("ended far off" if lost else "")
                 yield Score(
                     name,
                     error_mm,
                     variant=sigma_variant(sigma_mm),
-                    failure=failure,
+                    failure=failure_of(estimate, sample.initial, error_mm, initial_mm),
                     events=len(sample.t_us),
                     cpu_s=cpu_s,
                 )
