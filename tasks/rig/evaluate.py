@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +43,7 @@ from tasks.rig.calibration import on_page
 from tasks.rig.cells import in_cells
 from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.page import Page, read_page_image, reflectance
+from tasks.rig.page_view import page_view
 from tasks.rig.slider import Slider
 from tasks.row import Row
 from tasks.tracking import failure_of, path_at, perturbed, position_error_mm, tracking_sample
@@ -55,7 +55,6 @@ Float64 = NDArray[np.float64]
 PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
 _EVEN = 1e-3  # largest deviation from constant speed at half time, as a fraction of the travel
-_MOST_SUPERSAMPLES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,55 +259,6 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
             "of travel; give more windows, or less travel"
         )
     return found
-
-
-def page_view(
-    crop_camera: Camera, pose: RigPose, x_m: float, page: Page, light: Float64
-) -> Float64:
-    """Return the reflectance that a camera sees, averaged over its pixels.
-
-    Parameters
-    ----------
-    crop_camera
-        The camera.
-    pose
-        Where the camera is for each position of the slider.
-    x_m
-        Position of the slider, m.
-    page
-        The page.
-    light
-        (H, W) its reflectance.
-
-    Returns
-    -------
-    view
-        (h, w). Outside the page it is as white as paper.
-    """
-    corner = on_page(pose, crop_camera, np.array([[0.0, 0.0], [1.0, 0.0]]), x_m)
-    dots = float(np.linalg.norm(corner[1] - corner[0])) / page.dot_m  # across a pixel
-    shrink = max(1, int(dots / 2))
-    if shrink > 1:
-        rows, columns = (size // shrink * shrink for size in light.shape)
-        blocks = light[:rows, :columns].reshape(rows // shrink, shrink, columns // shrink, shrink)
-        light = blocks.mean(axis=(1, 3))
-    times = min(_MOST_SUPERSAMPLES, max(1, math.ceil(dots / shrink)))
-    steps = (np.arange(times) + 0.5) / times
-    columns_px = (np.arange(crop_camera.width)[:, None] + steps).ravel()
-    rows_px = (np.arange(crop_camera.height)[:, None] + steps).ravel()
-    points_px = np.stack(np.meshgrid(columns_px, rows_px), axis=-1)
-    # From meters to dots; the center of the first dot is (0, 0).
-    at = on_page(pose, crop_camera, points_px, x_m) / (shrink * page.dot_m) - 0.5
-    seen = cv2.remap(
-        light.astype(np.float32),
-        at[..., 0].astype(np.float32),
-        at[..., 1].astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=page_files.PAPER,
-    )
-    shape = crop_camera.height, times, crop_camera.width, times
-    return np.asarray(seen, np.float64).reshape(shape).mean(axis=(1, 3))
 
 
 def _log_view(crop: _Crop, x_m: float) -> Float64:

@@ -15,8 +15,8 @@ from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
 from tasks.rig.crop import EVENTS_NAME, read_crop
-from tasks.rig.evaluate import page_view
 from tasks.rig.page import read_page_image, reflectance
+from tasks.rig.page_view import page_view
 
 _STEP_PX = 0.5  # motion between two frames of the light
 _STEP_US = 100.0  # time between two positions of which the motion is known
