@@ -532,8 +532,14 @@ def _check_plane(
     directions = camera.rays(camera.grid(_VIEWS)) @ T_world_cam[:3, :3].T
     there = plane.distance(origin, directions)
     found = caster.distance(origin, directions)
-    seen = np.isfinite(there) & np.isfinite(found)
-    ratio = float(np.median(found[seen] / there[seen])) if seen.any() else 1.0
+    meets = np.isfinite(there)
+    if missed := int(np.sum(meets & ~np.isfinite(found))):
+        raise SceneError(
+            f"{folder / 'scene.toml'}: plane: found no surface along {missed} of "
+            f"{np.sum(meets)} rays of the camera, expected one on the plane along each: depth and "
+            "flow follow from it"
+        )
+    ratio = float(np.median(found[meets] / there[meets])) if meets.any() else 1.0
     if abs(ratio - 1) > _OFF_PLANE:
         raise SceneError(
             f"{folder / 'scene.toml'}: plane: found what the camera sees {ratio:.3g} times as far "

@@ -2,7 +2,15 @@
 
 import pytest
 
-from eres_render import RenderError, SceneError, clips, list_scenes, load_scene, render_scene
+from eres_render import (
+    Renderer,
+    RenderError,
+    SceneError,
+    clips,
+    list_scenes,
+    load_scene,
+    render_scene,
+)
 from light_scenes import edit_scene, light_evenly, small_carpet_folder
 
 
@@ -142,3 +150,16 @@ def test_a_plane_that_is_not_what_the_camera_sees_is_refused(tmp_path):
     ):
         render_scene(scene, tmp_path / "out", resolution=16, spp=1, samples=1)
     assert not list((tmp_path / "out").rglob("*.exr"))
+
+
+def test_a_plane_where_the_camera_sees_nothing_is_refused(tmp_path):
+    """Promise: a carpet that covers only the middle of the view is an error that counts the rays
+    that meet nothing, not truth of a surface that is not there."""
+    folder = small_carpet_folder(tmp_path / "mine")
+    xml = (folder / "scene.xml").read_text()
+    (folder / "scene.xml").write_text(xml.replace('<scale value="2.5"/>', '<scale value="0.7"/>'))
+    scene = load_scene(light_evenly(folder, "carpet", 3.0))
+    with pytest.raises(
+        SceneError, match=r"scene\.toml: plane: found no surface along \d+ of 81 rays of the cam"
+    ):
+        _ = Renderer(scene, 16, 1).trajectory
