@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eres_render.camera import Camera, Plane
 from eres_render.errors import RenderError, SceneError, TrajectoryError
@@ -28,6 +29,7 @@ GIVEN_CLEARANCE_M = 0.01
 """Least distance of a path of given poses from any surface: ten times the near clip, m."""
 
 _POINTS_A_SIDE = 17  # of an image seen through a lens
+_FEWEST_VIEWS, _POSES_AT_ONCE = 2001, 1 << 14  # that are checked to stay on the square
 _AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
@@ -184,11 +186,15 @@ class Scene:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the camera path, seconds."""
+        """Duration of the camera path, seconds; `trajectory` may last longer."""
+        made_s = self._made_duration_s
+        return self.trajectory().duration_s if made_s is None else made_s
+
+    @property
+    def _made_duration_s(self) -> float | None:
+        """Duration of a path that a generator makes, s; None for a path of given poses."""
         path = self.settings.path
-        if path is None or isinstance(path, TumPath):
-            return self.trajectory().duration_s
-        return path.duration_s
+        return None if path is None or isinstance(path, TumPath) else path.duration_s
 
     @property
     def min_clearance_m(self) -> float:
@@ -235,7 +241,9 @@ class Scene:
         square, plane = self.settings.plane, self.plane
         if square is None or plane is None:
             return
-        reach_m = _reach_m(trajectory, camera, plane, square.point_m)
+        made_s = self._made_duration_s
+        duration_s = trajectory.duration_s if made_s is None else made_s
+        reach_m = _reach_m(trajectory, duration_s, camera, plane, square.point_m)
         if reach_m > square.half_width_m:
             raise SceneError(
                 f"{self.path_name}: the view reaches {reach_m:.3f} m from "
@@ -289,15 +297,29 @@ def _radians(degrees: Vector3) -> Vector3:
     return x, y, z
 
 
-def _reach_m(trajectory: Trajectory, camera: Camera, plane: Plane, center_m: Vector3) -> float:
+def _reach_m(
+    trajectory: Trajectory, duration_s: float, camera: Camera, plane: Plane, center_m: Vector3
+) -> float:
     """Return the largest distance of any view corner from the center of a square, along a side."""
-    poses = trajectory.pose(np.linspace(0.0, trajectory.duration_s, 2001))
     # Through a lens the image's sides are curved, and may reach farther than its corners.
     across = camera.grid(2 if camera.distortion is None else _POINTS_A_SIDE)
-    corner_rays = camera.rays(across) @ np.swapaxes(poses[:, :3, :3], 1, 2)
-    try:
-        seen = plane.intersect(poses[:, None, :3, 3], corner_rays)
-    except RenderError:
-        return math.inf
+    rays = camera.rays(across)
     sides = facing_plane(plane, center_m, 0.0)[:3, :2]
-    return float(abs((seen - center_m) @ sides).max())
+    t_s = _view_times(trajectory, duration_s)
+    reach_m = 0.0
+    for k in range(0, len(t_s), _POSES_AT_ONCE):  # paths may have a million poses
+        poses = trajectory.pose(t_s[k : k + _POSES_AT_ONCE])
+        try:
+            rays_world = rays @ np.swapaxes(poses[:, :3, :3], 1, 2)
+            seen = plane.intersect(poses[:, None, :3, 3], rays_world)
+        except RenderError:
+            return math.inf
+        reach_m = max(reach_m, float(abs((seen - center_m) @ sides).max()))
+    return reach_m
+
+
+def _view_times(trajectory: Trajectory, duration_s: float) -> NDArray[np.float64]:
+    """Return times at which the view is checked: even ones, and four in each knot interval."""
+    knots_s = np.unique(np.clip(trajectory.knots_s, 0.0, duration_s))
+    quarters_s = knots_s[:-1, None] + np.arange(4) / 4 * np.diff(knots_s)[:, None]
+    return np.union1d(np.linspace(0.0, duration_s, _FEWEST_VIEWS), quarters_s)

@@ -1,11 +1,13 @@
 """Scene folders: eres finds them, checks each field, and distinguishes them by digest."""
 
+import numpy as np
 import pytest
 
 from eres_render import (
     Renderer,
     RenderError,
     SceneError,
+    Trajectory,
     clips,
     list_scenes,
     load_scene,
@@ -80,6 +82,29 @@ def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
     far = load_scene(edit_scene(tmp_path / "far", ("distance_m = 1.82", "distance_m = 3.0")))
     with pytest.raises(SceneError, match=r"path: the view reaches .* m .*half_width_m = 2\.5 m"):
         far.trajectory()
+
+
+def test_a_short_look_past_the_carpet_is_refused(tmp_path):
+    """Promise: the view is checked between all poses of a path; one that leaves the square for 0.4
+    ms of 10 s is refused."""
+    knots_s = np.concatenate([np.arange(-1.0, 5.0), 4.001 + 1e-4 * np.arange(9), np.arange(5.0, 12)])
+    controls = np.tile(np.eye(4), (len(knots_s), 1, 1))
+    controls[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    controls[:, 2, 3] = 1.8
+    controls[0, 0, 3] = 0.01  # it moves
+    folder = edit_scene(tmp_path / "mine")
+    load_scene(folder, Trajectory(knots_s, controls)).trajectory()
+    controls[10, 0, 3] = 9.0
+    with pytest.raises(SceneError, match="path: the view reaches"):
+        load_scene(folder, Trajectory(knots_s, controls)).trajectory()
+
+
+def test_the_view_may_leave_the_carpet_after_the_scene(tmp_path):
+    """Promise: a made path is checked for as long as the scene lasts, here a tenth of a second;
+    its knots go on to 1.25 s, where it looks past the carpet."""
+    scene = load_scene(edit_scene(tmp_path / "mine", ("duration_s = 10.0", "duration_s = 0.1")))
+    assert scene.trajectory().duration_s == 1.25
+    assert scene.duration_s == 0.1
 
 
 def test_the_digest_follows_the_files_and_the_light_digest_only_the_light(tmp_path):
