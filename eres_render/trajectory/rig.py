@@ -14,7 +14,9 @@ Float64 = NDArray[np.float64]
 _STEP_S = 2e-3
 
 
-def second_camera(path: Trajectory, T_cam_second: Float64) -> tuple[Float64, Float64]:
+def second_camera(
+    path: Trajectory, T_cam_second: Float64, duration_s: float
+) -> tuple[Float64, Float64]:
     """Return poses of a camera that is fixed to another, for a spline through them.
 
     The poses are exact and at most 2 ms apart. Between them `path_through` stays within micrometers
@@ -26,13 +28,20 @@ def second_camera(path: Trajectory, T_cam_second: Float64) -> tuple[Float64, Flo
         Path of the first camera.
     T_cam_second
         (4, 4) pose of the second camera, along the first one's axes.
+    duration_s
+        How much of the path, s: that of the scene, which a path may outlast.
 
     Returns
     -------
     t_s, T_world_second
         (N,) times on the path, s, and (N, 4, 4) poses.
+
+    Raises
+    ------
+    TrajectoryError
+        If the path is shorter than `duration_s`.
     """
-    t_s = np.linspace(0.0, path.duration_s, max(2, math.ceil(path.duration_s / _STEP_S) + 1))
+    t_s = np.linspace(0.0, duration_s, max(2, math.ceil(duration_s / _STEP_S) + 1))
     return t_s, path.pose(t_s) @ T_cam_second
 
 

@@ -189,8 +189,9 @@ def stereo(
         raise TaskError(f"{out}: exists already; write elsewhere")
     if not math.isfinite(baseline):
         raise TaskError(f"baseline: found {baseline:g} m, expected a finite distance")
-    path = load_scene(scene, trajectory).trajectory()
-    t_s, poses = second_camera(path, to_the_right(baseline))
+    loaded = load_scene(scene, trajectory)
+    path = loaded.trajectory()
+    t_s, poses = second_camera(path, to_the_right(baseline), loaded.duration_s)
     write_text(out, tum_text(t_s, poses, path.t_offset_us))
     terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
 

@@ -101,7 +101,8 @@ def make_sequence(
         _make_view(settings, number, left, folder, name, on_progress)
         return
     path = folder / name / "right.txt"
-    write_text(path, tum_text(*second_camera(left.trajectory(), to_the_right(baseline_m))))
+    poses = second_camera(left.trajectory(), to_the_right(baseline_m), left.duration_s)
+    write_text(path, tum_text(*poses))
     right = dataclasses.replace(load_scene(folder / name, path), name=f"{name}-right")
 
     def on_half(stage: str, done: float, total: float, /, half: float = 0.0) -> None:
