@@ -165,11 +165,19 @@ class FlowSource:
     def flow(self, t_us: int) -> NDArray[np.float32]:
         """Return the (H, W, 2) motion at a time, px of the frames per second of the path."""
         t_s = self.frames.path_s(t_us)
-        ahead = t_s + _FLOW_STEP_S <= self.truth.trajectory.duration_s
-        step_s = _FLOW_STEP_S if ahead else -_FLOW_STEP_S
+        step_s = self._step_s(t_s)
         flow = self.truth.flow(t_s, t_s + step_s, *self.size).flow_px
         scale = self.frames.sequence.width / self.size[0] / step_s
         return (flow * scale).astype(np.float32)
+
+    def _step_s(self, t_s: float) -> float:
+        """Return the time to a moment between the first and the last frame, s; ahead if possible.
+
+        Objects may have no path beyond these frames.
+        """
+        first_s, last_s = self.frames.sequence.t_s[[0, -1]].tolist()
+        ahead_s, back_s = (min(_FLOW_STEP_S, room) for room in (last_s - t_s, t_s - first_s))
+        return ahead_s if ahead_s >= back_s else -back_s
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
         """Yield a panel for each of the ascending times, us on the clock of the events."""

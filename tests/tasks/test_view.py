@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from browser import CHROMIUM, LOW_CONTRAST, watched
-from eres_render import load_scene, open_sequence, render_scene
+from eres_render import ground_truth, load_scene, open_sequence, render_scene
 from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
+from moving_objects import FLOOR, SPHERE, folder_of, moved, write_path
 from sensor import SensorModel
 from sensor.formats import Header, load_events, read_header, write_events
 from tasks.errors import TaskError
-from tasks.view.clip import ClipFrames
+from tasks.view.clip import ClipFrames, FlowSource
 from tasks.view.drawing import (
     PALETTES,
     depth_colors,
@@ -40,6 +41,19 @@ from tasks.view.view import _small_enough
 from tasks.view.windows import Span, span_of, windows
 
 COLORS = PALETTES["blue-red"]
+WAYPOINTS = """[path]
+kind = "waypoints"
+seed = 0
+duration_s = 0.02
+mean_speed_mps = 0.5
+min_clearance_m = 0.1
+up = [0.0, 1.0, 0.0]
+sway_m = [0.0, 0.0, 0.0]
+turn_deg = [0.0, 0.0, 0.0]
+waypoints = [
+  { position_m = [0.0, 0.0, 3.0], target_m = [0.0, 0.0, 0.0] },
+  { position_m = [1.0, 0.0, 3.0], target_m = [1.0, 0.0, 0.0] },
+]"""
 
 
 def mixed(color, ground, strength):
@@ -328,6 +342,24 @@ def test_clips_and_events_beside_them(eres, tmp_path, clip, show):
     gray = [np.ptp(part, axis=2).max(axis=(0, 1)) == 0 for part in (left, right)]
     assert gray == [show == "frames", False]
     assert len(np.unique(left.reshape(-1, 3), axis=0)) > 10
+
+
+def test_flow_at_the_end_of_a_path_that_goes_on(tmp_path):
+    """Promise: flow at the last frame is seen backwards; the camera's spline goes on to the next
+    waypoint there, and the ball's path has ended."""
+    folder = folder_of(tmp_path / "ball", FLOOR, SPHERE)
+    tum = 'path = { kind = "tum", file = "camera.txt", min_clearance_m = 0.1 }'
+    toml = (folder / "scene.toml").read_text()
+    assert tum in toml
+    (folder / "scene.toml").write_text(toml.replace(tum, WAYPOINTS))
+    write_path(folder / "ball.txt", (0.0, 0.02), moved(), moved(0.01))
+    options = {"resolution": 16, "spp": 1, "integrator": "emission", "continuous": True}
+    (sequence,) = render_scene(load_scene(folder), tmp_path / "clip", **options)
+    assert sequence.trajectory.duration_s > 1.0
+    source = FlowSource(ClipFrames(sequence), ground_truth(sequence))
+    middle, end = (source.flow(t_us) for t_us in (19_000, 20_000))
+    np.testing.assert_allclose(middle, end, atol=0.1)
+    assert abs(end).max() > 1.0
 
 
 def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):
