@@ -60,7 +60,14 @@ class _ClipInProgress(RadianceSequence):
             yield frame
 
     def frame(self, i: int) -> NDArray[np.float32]:
-        """Return frame i as `RadianceSequence.frame` does; render it if it is missing."""
+        """Return frame i as `RadianceSequence.frame` does; render it if it is missing.
+
+        Raises
+        ------
+        IndexError
+            If there is no frame i.
+        """
+        self._check_number(i)
         with self.one_at_a_time:
             self.wait()
             return self._whole(i, self.writer.read(i))

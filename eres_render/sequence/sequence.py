@@ -147,10 +147,15 @@ class RadianceSequence:
         SequenceError
             If the frame's file is missing, truncated or of a different size, holds NaN, infinite or
             negative values, or has changed since it was rendered.
+        IndexError
+            If there is no frame i; negative numbers do not count from the end.
         """
-        if not 0 <= i < len(self):
-            raise IndexError(f"frame {i} of a sequence of {len(self)}")
+        self._check_number(i)
         return _read_frame(self.folder, self.manifest, i, self.checksums)
+
+    def _check_number(self, i: int) -> None:
+        if not 0 <= i < len(self):
+            raise IndexError(f"{self.folder}: frame: found {i}, expected 0 to {len(self) - 1}")
 
 
 def read_ahead(read: Callable[[int], T], count: int) -> Iterator[T]:

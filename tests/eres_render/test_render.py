@@ -273,6 +273,17 @@ def test_frames_are_the_same_from_the_renderer_and_from_the_disk(
         assert clip.rendered.frames == 0
 
 
+@pytest.mark.parametrize("i", [-1, 10_000])
+def test_frames_that_a_clip_does_not_have_are_neither_rendered_nor_written(renderer, tmp_path, i):
+    """Promise: an index off the clip is an IndexError, as for a sequence on disk."""
+    with (
+        clip_in_progress(renderer, CLIP, tmp_path, 0.25) as clip,
+        pytest.raises(IndexError, match=rf"frame: found {i}, expected 0 to \d+"),
+    ):
+        clip.frame(i)
+    assert not list(tmp_path.rglob("*.exr"))
+
+
 def test_a_finished_clip_is_not_rendered_again(renderer, uninterrupted, monkeypatch):
     monkeypatch.setattr(renderer, "frame", None)  # any rendering would fail
     again = render_clip(renderer, CLIP, uninterrupted.folder, 0.25)
