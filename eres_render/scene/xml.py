@@ -160,15 +160,18 @@ def _fov_rad(camera: Element) -> float:
     values = {e.get("name", ""): e.get("value", "") for e in camera}
     sides = {e.get("name", ""): e.get("value", "") for e in camera.iterfind("film/integer")}
     width, height = (
-        int(sides.get(n, d)) for n, d in zip(("width", "height"), _FILM_PX, strict=True)
+        _number(f"film {name}", sides.get(name, str(usual)), math.inf, "a positive number of px")
+        for name, usual in zip(("width", "height"), _FILM_PX, strict=True)
     )
     aspect = width / height
     axis = values.get("fov_axis", values.get("fovAxis", "x"))
     if "fov" in values:
-        half = math.tan(0.5 * math.radians(float(values["fov"])))
+        fov_deg = _number("fov", values["fov"], 180.0, "(0, 180) degrees")
+        half = math.tan(0.5 * math.radians(fov_deg))
     else:
-        focal_length = values.get("focal_length", values.get("focalLength", "50mm"))
-        half = 0.5 * _FULL_FRAME_MM / float(focal_length.removesuffix("mm"))
+        name = "focalLength" if "focalLength" in values else "focal_length"
+        length_mm = values.get(name, "50mm").removesuffix("mm")
+        half = 0.5 * _FULL_FRAME_MM / _number(name, length_mm, math.inf, "a positive number of mm")
         axis = "diagonal"
     if axis == "smaller":
         axis = "y" if aspect > 1 else "x"
@@ -181,3 +184,14 @@ def _fov_rad(camera: Element) -> float:
     elif axis == "diagonal":
         half /= math.hypot(1.0, 1.0 / aspect)
     return 2.0 * math.atan(half)
+
+
+def _number(name: str, text: str, below: float, expected: str) -> float:
+    """Return the value of a field, a number above 0 and below a limit."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < below:
+        raise ValueError(f"{name}: found {text!r}, expected {expected}")
+    return value

@@ -106,7 +106,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         (['<sensor type="thinlens"/>'], r"mine\.xml: camera: found type 'thinlens'"),
         (
             ['<sensor type="perspective"><float name="fov" value="wide"/></sensor>'],
-            r"mine\.xml: camera: could not convert",
+            r"mine\.xml: camera: fov: found 'wide', expected \(0, 180\) degrees",
         ),
         (
             [CAMERA, '<shape type="ply"><string name="filename" value="ship.ply"/></shape>'],
@@ -132,6 +132,28 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
 def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
     with pytest.raises(SceneError, match=message):
         load_scene(write_scene(tmp_path, *parts))
+
+
+@pytest.mark.parametrize(
+    ("inner", "message"),
+    [
+        ('<float name="fov" value="200"/>', r"fov: found '200', expected \(0, 180\) degrees"),
+        ('<float name="fov" value="nan"/>', r"fov: found 'nan', expected \(0, 180\) degrees"),
+        (
+            '<string name="focal_length" value="0mm"/>',
+            "focal_length: found '0', expected a positive number of mm",
+        ),
+        (
+            '<film type="hdrfilm"><integer name="height" value="0"/></film>',
+            "film height: found '0', expected a positive number of px",
+        ),
+    ],
+)
+def test_cameras_that_cannot_be_are_refused(tmp_path, inner, message):
+    """Promise: one line names the file, the field and the user's own number."""
+    camera = f'<sensor type="perspective">{inner}</sensor>'
+    with pytest.raises(SceneError, match=rf"mine\.xml: camera: {message}$"):
+        load_scene(write_scene(tmp_path, camera, BALL, SKY))
 
 
 def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path):

@@ -87,7 +87,9 @@ def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
 def test_a_short_look_past_the_carpet_is_refused(tmp_path):
     """Promise: the view is checked between all poses of a path; one that leaves the square for 0.4
     ms of 10 s is refused."""
-    knots_s = np.concatenate([np.arange(-1.0, 5.0), 4.001 + 1e-4 * np.arange(9), np.arange(5.0, 12)])
+    knots_s = np.concatenate(
+        [np.arange(-1.0, 5.0), 4.001 + 1e-4 * np.arange(9), np.arange(5.0, 12)]
+    )
     controls = np.tile(np.eye(4), (len(knots_s), 1, 1))
     controls[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
     controls[:, 2, 3] = 1.8
