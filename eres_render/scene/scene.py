@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from eres_render.camera import Camera, Plane
 from eres_render.errors import RenderError, SceneError, TrajectoryError
 from eres_render.scene.objects import MovingObject, read_object
-from eres_render.scene.settings import ObjectSettings, SceneToml, TumPath, WaypointsPath
+from eres_render.scene.settings import (
+    FacingPlanePath,
+    ObjectSettings,
+    SceneToml,
+    TumPath,
+    WaypointsPath,
+)
 from eres_render.scene.xml import canonical_xml
 from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
@@ -254,27 +260,37 @@ class Scene:
     def _unchecked_trajectory(self) -> Trajectory:
         if self.given_path is not None:
             return self.given_path
-        path, square, plane = self.settings.path, self.settings.plane, self.plane
+        path = self.settings.path
+        if path is None:
+            raise SceneError(
+                f"{self.xml_file}: has no camera path; give poses in TUM format (--trajectory), or "
+                "a Trajectory in Python"
+            )
         if isinstance(path, TumPath):
             t_offset_us, t_s, poses = read_tum_from_start(self._tum_file)
             try:
                 return path_through(t_s, poses, t_offset_us)
             except TrajectoryError as error:
                 raise TrajectoryError(f"{self._tum_file}: {error}") from error
+        try:
+            return self._made_path(path)
+        except TrajectoryError as error:  # which starts with the field
+            raise TrajectoryError(f"{self.path_name}.{error}") from error
+
+    def _made_path(self, path: FacingPlanePath | WaypointsPath) -> Trajectory:
+        """Make the path of a generator."""
         if isinstance(path, WaypointsPath):
             return waypoint_loop(
-                np.array([look_at(w.position_m, w.target_m, path.up) for w in path.waypoints]),
+                np.array([_waypoint_pose(path, k) for k in range(len(path.waypoints))]),
                 duration_s=path.duration_s,
                 mean_speed_mps=path.mean_speed_mps,
                 sway_m=path.sway_m,
                 turn_rad=_radians(path.turn_deg),
                 seed=path.seed,
             )
-        if path is None or square is None or plane is None:
-            raise SceneError(
-                f"{self.xml_file}: has no camera path; give poses in TUM format (--trajectory), or "
-                "a Trajectory in Python"
-            )
+        square, plane = self.settings.plane, self.plane
+        assert square is not None  # `load_scene` sees to it
+        assert plane is not None
         return random_path(
             facing_plane(plane, square.point_m, path.distance_m),
             duration_s=path.duration_s,
@@ -290,6 +306,14 @@ class Scene:
         """File of the poses of a `TumPath`; its name in scene.toml is relative to the folder."""
         assert isinstance(self.settings.path, TumPath)
         return self.folder / self.settings.path.file
+
+
+def _waypoint_pose(path: WaypointsPath, k: int) -> NDArray[np.float64]:
+    one = path.waypoints[k]
+    try:
+        return look_at(one.position_m, one.target_m, path.up)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"waypoints[{k}].{error}") from error
 
 
 def _radians(degrees: Vector3) -> Vector3:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from eres_render.camera import Plane
 from eres_render.errors import TrajectoryError
-from eres_render.trajectory.spline import Trajectory, path_through
+from eres_render.trajectory.spline import Trajectory, TurnsTooFarError, path_through
 
 Float64 = NDArray[np.float64]
 
@@ -189,7 +189,7 @@ def waypoint_loop(
     Raises
     ------
     TrajectoryError
-        If consecutive poses coincide.
+        If consecutive poses coincide, or the camera turns too far between them.
 
     Examples
     --------
@@ -225,9 +225,16 @@ def waypoint_loop(
             chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
             if not chord_m[-1] > chord_m[-2]:
                 raise TrajectoryError(
-                    "waypoints: found two consecutive poses at one place, expected distinct places"
+                    f"waypoints[{len(poses) % len(waypoints)}]: found the place of the one before "
+                    f"it, {T[:3, 3].tolist()}, expected another place"
                 )
         poses.append(T)
-    path = path_through(chord_m, np.array(poses))
+    try:
+        path = path_through(chord_m, np.array(poses))
+    except TurnsTooFarError as error:
+        raise TrajectoryError(
+            f"waypoints[{error.number % len(waypoints)}]: found a camera that turns too far to or "
+            "from it, expected smaller turns; give more waypoints there"
+        ) from error
     end = brentq(lambda t: float(path.length_m(t)) - length_m, 0.0, path.duration_s, xtol=1e-12)
     return Trajectory(path.knots_s * (duration_s / end), path.controls)

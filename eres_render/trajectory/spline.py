@@ -19,6 +19,18 @@ _LEAST_DAMPING = 1e-3
 _STRETCHES_AT_ONCE = 1 << 14  # whose lengths are computed together, with 8 poses each
 
 
+class TurnsTooFarError(TrajectoryError):
+    """The camera turns so far between two poses that no spline is found.
+
+    Attributes
+    ----------
+    number
+        Number of the pose that is missed the most.
+    """
+
+    number: int = 0
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A twice continuously differentiable path of poses.
@@ -309,10 +321,12 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
             damping /= 2
         if damping < _LEAST_DAMPING:
             worst = int(np.argmax(np.linalg.norm(missed, axis=1)))
-            raise TrajectoryError(
+            error = TurnsTooFarError(
                 "path_through: the camera turns too far from pose to pose near t = "
                 f"{t[worst]:g} s{' after the first' if t_offset_us else ''}; give more poses there"
             )
+            error.number = worst
+            raise error
     return path
 
 

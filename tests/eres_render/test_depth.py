@@ -99,7 +99,7 @@ def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
 
 
 def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(TrajectoryError, match="two consecutive poses at one place"):
+    with pytest.raises(TrajectoryError, match=r"waypoints\[1\]: found the place of the one be"):
         waypoint_loop(
             np.array([CORNERS[0]] * 2),
             duration_s=1.0,
@@ -125,6 +125,36 @@ def test_waypoints_at_one_place_are_refused():
 def test_each_wrong_field_of_a_path_is_named(tmp_path, old, new, message):
     with pytest.raises(SceneError, match=message):
         load_scene(room_folder(tmp_path, (old, new)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            [("[0.0, 0.0, 1.6]", "[-1.0, 0.0, 9.0]")],
+            r"waypoints\[2\]\.target_m: found \[-1\.0, 0\.0, 9\.0\], expected a point away",
+        ),
+        (
+            [
+                ("[0.0, 1.0, 1.6]", "[1.0, 0.0, 1.5]"),
+                ("sway_m = [0.05, 0.05, 0.05]", "sway_m = [0.0, 0.0, 0.0]"),
+            ],
+            r"waypoints\[1\]: found the place of the one before it, \[1\.0, 0\.0, 1\.5\], expected",
+        ),
+        (
+            [
+                ("target_m = [0.0, 0.0, 1.5]", "target_m = [0.0, 2.0, 1.5]"),
+                ("target_m = [0.0, 0.0, 1.6]", "target_m = [-0.7, -2.0, 1.6]"),
+            ],
+            r"waypoints\[\d\]: found a camera that turns too far to or from it, expected smaller",
+        ),
+    ],
+)
+def test_a_loop_that_cannot_be_made_names_the_file_and_the_waypoint(tmp_path, changes, message):
+    """Promise: the field of scene.toml, counted as in it, and no meters for seconds."""
+    scene = load_scene(room_folder(tmp_path, *changes))
+    with pytest.raises(TrajectoryError, match=rf"scene\.toml: path\.{message}"):
+        scene.trajectory()
 
 
 def test_a_path_that_faces_a_plane_needs_one(tmp_path):

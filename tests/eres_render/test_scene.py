@@ -8,6 +8,7 @@ from eres_render import (
     RenderError,
     SceneError,
     Trajectory,
+    TrajectoryError,
     clips,
     list_scenes,
     load_scene,
@@ -82,6 +83,14 @@ def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
     far = load_scene(edit_scene(tmp_path / "far", ("distance_m = 1.82", "distance_m = 3.0")))
     with pytest.raises(SceneError, match=r"path: the view reaches .* m .*half_width_m = 2\.5 m"):
         far.trajectory()
+
+
+def test_a_made_path_that_cannot_be_names_its_field(tmp_path):
+    """Promise: scene.toml and the field in it, as for other fields."""
+    still = ("sway = [1.0, 1.0, 0.25]", "sway = [0.0, 0.0, 0.0]")
+    scene = load_scene(edit_scene(tmp_path / "still", still))
+    with pytest.raises(TrajectoryError, match=r"scene\.toml: path\.sway: found \(0\.0, 0\.0, "):
+        scene.trajectory()
 
 
 def test_a_short_look_past_the_carpet_is_refused(tmp_path):
