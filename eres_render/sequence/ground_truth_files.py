@@ -207,7 +207,7 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     """
     check_positive("step_s", step_s, RenderError, "a positive number of seconds")
     start_s, end_s = sequence.window_s
-    steps = math.ceil((end_s - start_s) / step_s - 1e-6)
+    steps = max(1, math.ceil((end_s - start_s) / step_s - 1e-6))
     t_s = start_s + step_s * np.arange(steps + 1, dtype=np.float64)
     t_s[-1] = end_s
     return t_s

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import RenderError, check_positive
 from eres_render.rendering.renderer import Renderer
 from eres_render.sequence.clips import Clip
 from eres_render.trajectory.frame_times import adaptive_times
@@ -206,6 +207,14 @@ def measure_noise(
     noise
         Measured over all stretches.
 
+    Raises
+    ------
+    RenderError
+        If there is no clip, `max_displacement_px` or `contrast_threshold` is not positive, or the
+        image moves so fast that frames would be less than 1e-7 s apart.
+    SceneError, TrajectoryError
+        As `Renderer.trajectory` and `Renderer.white_level`.
+
     Examples
     --------
     Light that was baked has no noise; path-traced light has:
@@ -216,6 +225,9 @@ def measure_noise(
     >>> noise.log_noise > 0.01, noise.averages_out
     (True, True)
     """
+    if not clips:
+        raise RenderError("clips: found none, expected at least one")
+    check_positive("contrast_threshold", contrast_threshold, RenderError)
     stretches = [
         adaptive_times(renderer.image_motion, marks_s, max_displacement_px)
         for marks_s in _stretches(clips)
@@ -264,9 +276,15 @@ def measure_noise(
 def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
     """Return the starts and ends of the stretches of clips that are measured."""
     cut = [
-        (float(start_s), min(float(start_s) + _LONGEST_STRETCH_S, clip.t_window_end_s))
+        (start_s, min(start_s + _LONGEST_STRETCH_S, clip.t_window_end_s))
         for clip in clips
-        for start_s in np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _LONGEST_STRETCH_S)
+        for start_s in _starts_s(clip)
     ]
     count = min(_STRETCHES, len(cut))
     return [cut[int((k + 0.5) * len(cut) / count)] for k in range(count)]
+
+
+def _starts_s(clip: Clip) -> list[float]:
+    """Return where stretches of a clip start; a last one of a microsecond or less is left out."""
+    starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _LONGEST_STRETCH_S).tolist()
+    return starts_s or [clip.t_start_s]

@@ -201,6 +201,17 @@ def test_measuring_costs_a_twentieth_of_the_render_or_seconds(shiny_room, width,
     assert 0.01 * render < sum(taken) <= max(0.05 * render, seconds_worth)
 
 
+def test_clips_of_any_length_are_measured(renderer):
+    """Promise: a clip of a microsecond has a stretch as well; none at all, and a threshold of 0,
+    are errors."""
+    short = Clip(0, 1.0, 1.0, 1.000001)
+    assert measure_noise(renderer.at(spp=1), [short], 0.5).log_noise > 0
+    with pytest.raises(RenderError, match="clips: found none, expected at least one"):
+        measure_noise(renderer, [], 0.5)
+    with pytest.raises(RenderError, match="contrast_threshold: found 0, expected a positive"):
+        measure_noise(renderer, [short], 0.5, contrast_threshold=0)
+
+
 def test_light_without_noise_has_no_false_events(tmp_path):
     """A closed box that glows evenly and reflects nothing looks the same in every direction."""
     folder = room_folder(tmp_path / "glow")

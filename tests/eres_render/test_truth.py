@@ -1,6 +1,7 @@
 """Ground truth: depth, flow and visibility against explicit geometry and against the frames."""
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -197,6 +198,13 @@ def test_bright_dots_move_as_the_flow_says(tmp_path):
         a, b = centroid(before, p_0), centroid(after, p_1)
         assert flow.valid[int(a[1]), int(a[0])]
         np.testing.assert_allclose(b - a, flow.flow_px[int(a[1]), int(a[0])], atol=0.1)
+
+
+def test_a_step_of_days_has_both_ends_of_the_window():
+    """Promise: times run from the start to the end, however long the step."""
+    sequence = SimpleNamespace(window_s=(0.25, 0.3))
+    for step_s in (0.05, 1.0, 1e6):
+        assert window_times(sequence, step_s).tolist() == [0.25, 0.3]
 
 
 def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
