@@ -50,6 +50,12 @@ class Trajectory:
         Time 0 of the path on the clock of its poses, microseconds. It is separate because seconds
         since 1970 in float64 are 0.2 us apart.
 
+    Raises
+    ------
+    TrajectoryError
+        If there are fewer than four control poses, one is not a pose, their times do not increase
+        or the second is not 0, or a number is not finite.
+
     Examples
     --------
     Five control poses a tenth of a second apart; the path starts at the second:
@@ -83,6 +89,8 @@ class Trajectory:
                 f"Trajectory.controls: found shape {shape}, expected (N, 4, 4) with N of at least 4"
             )
         knots = self.knots_s
+        _check_finite("Trajectory.knots_s", knots)
+        _check_finite("Trajectory.controls", self.controls)
         if knots.shape != shape[:1] or not np.all(np.diff(knots) > 0) or knots[1] != 0:
             raise TrajectoryError(
                 f"Trajectory.knots_s: found shape {knots.shape}, {knots[:3].tolist()}..., expected "
@@ -199,9 +207,18 @@ class Trajectory:
         return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
 
 
+def _check_finite(name: str, values: Float64) -> None:
+    finite = np.isfinite(values)
+    if not finite.all():
+        k = int(np.argwhere(~finite)[0, 0])
+        raise TrajectoryError(
+            f"{name}: found {values[k].tolist()} as number {k}, expected finite numbers"
+        )
+
+
 def _check_rotations(name: str, T: Float64) -> None:
     R = T[:, :3, :3]
-    with np.errstate(all="ignore"):  # they may not be finite
+    with np.errstate(all="ignore"):  # large numbers overflow
         error = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
         is_rotation = (error < 1e-5) & (np.linalg.det(R) > 0)
     if not is_rotation.all():
@@ -263,9 +280,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
         k = int(np.argmin(np.diff(t) > 0))
         raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")
-    if not np.isfinite(T_world_cam).all():
-        k = int(np.argmin(np.isfinite(T_world_cam).all(axis=(1, 2))))
-        raise TrajectoryError(f"poses: found {T_world_cam[k].tolist()} as number {k}, not finite")
+    _check_finite("poses", T_world_cam)
     _check_rotations("poses", T_world_cam)
     knots = _evenly_extended(t - t[0])
     extended = _evenly_extended(knots)

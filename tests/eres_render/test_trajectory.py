@@ -167,6 +167,18 @@ def test_rotations_must_be_rotations():
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_control_poses_and_their_times_are_finite(value):
+    """Promise: a path never has poses that are NaN: a control or time that is, is refused."""
+    knots_s, controls = 0.5 * np.arange(-1.0, 4.0), np.tile(np.eye(4), (5, 1, 1))
+    controls[3, 1, 3] = value
+    with pytest.raises(TrajectoryError, match=r"controls: found .* number 3, expected finite num"):
+        Trajectory(knots_s, controls)
+    controls[3, 1, 3], knots_s[4] = 0.0, value
+    with pytest.raises(TrajectoryError, match=rf"knots_s: found {value} as number 4, expected fin"):
+        Trajectory(knots_s, controls)
+
+
 @pytest.mark.parametrize(
     ("row", "column", "value"),
     [(0, 1, 0.5), (1, 1, 1.5), (0, 0, -1.0), (0, 3, np.nan), (2, 2, np.inf)],
@@ -178,7 +190,7 @@ def test_paths_go_through_poses_only(row, column, value):
     poses[:, 0, 3] = [0, 0.1, 0.2, 0.3]
     assert path_through(range(4), poses.tolist()).duration_s == 3
     poses[2, row, column] = value
-    with pytest.raises(TrajectoryError, match=r"poses: found .* number 2, (expected a r|not fin)"):
+    with pytest.raises(TrajectoryError, match=r"poses: found .* number 2, expected (a r|fin)"):
         path_through(range(4), poses)
     with pytest.raises(TrajectoryError, match=r"times: found shape \(4,\), expected \(3,\)"):
         path_through(range(4), poses[:3])
