@@ -400,6 +400,18 @@ def _undistorted_positions(camera: Camera) -> Float64:
 class Plane:
     """The points X with `normal . X = offset_m`, in world coordinates; the normal has length 1.
 
+    Parameters
+    ----------
+    normal
+        Unit vector.
+    offset_m
+        Distance from the origin along the normal, m.
+
+    Raises
+    ------
+    RenderError
+        If the normal is not a vector of length 1.
+
     Examples
     --------
     >>> import numpy as np

@@ -98,9 +98,15 @@ def write_random_scene(
         Width of the frames that the textures are made for: about one texel for a pixel.
     baseline_m
         Distance of a second camera on the same rig, for which space is kept free, m.
+
+    Raises
+    ------
+    RenderError
+        If the width is not at least 1 px, or a file cannot be written.
+    TrajectoryError
+        If the duration is not positive.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     camera = Camera(width_px, width_px, np.deg2rad(_FOV_DEG))
     eye = camera_path(duration_s, rng)

@@ -66,6 +66,10 @@ def bake_scene(
         If the selected variant is scalar.
     SceneError
         If the scene has no light or moving objects, or a surface cannot be baked.
+    RenderError
+        If a lightmap cannot be written.
+    OSError
+        If nothing can be written into the folder; before anything is baked.
     """
     folder = Path(folder) if folder else scene.folder
     folder.mkdir(parents=True, exist_ok=True)

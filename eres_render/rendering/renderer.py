@@ -96,6 +96,9 @@ class Renderer:
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
         If Mitsuba refuses the scene, it cannot be baked or one of its objects cannot move.
+    TrajectoryError
+        If the path of an object cannot be read or is too short, or the scene must be baked and the
+        camera's path comes too near a surface.
 
     Examples
     --------

@@ -21,7 +21,12 @@ class Clip:
     index
         Number of the sample along the path.
     t_start_s, t_window_start_s, t_window_end_s
-        Times on the path, in this order; the window must not be empty.
+        Times on the path, s, in this order; the window must not be empty.
+
+    Raises
+    ------
+    RenderError
+        If times are negative or not in order, or the window is empty.
 
     Examples
     --------

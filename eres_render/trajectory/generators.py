@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from eres_render.camera import Plane
-from eres_render.errors import TrajectoryError
+from eres_render.errors import TrajectoryError, check_positive
 from eres_render.trajectory.spline import Trajectory, TurnsTooFarError, path_through
 
 Float64 = NDArray[np.float64]
@@ -115,7 +115,7 @@ def random_path(
     Raises
     ------
     TrajectoryError
-        If `sway` leaves the camera where it is.
+        If a duration or the speed is not positive, or `sway` leaves the camera where it is.
 
     Examples
     --------
@@ -133,6 +133,9 @@ def random_path(
     >>> round(path.mean_speed_mps(2.0), 6)
     0.8
     """
+    check_positive("duration_s", duration_s, TrajectoryError)
+    check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
+    check_positive("knot_interval_s", knot_interval_s, TrajectoryError)
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
     offsets = rng.uniform(-1.0, 1.0, (n, 3)) * sway
@@ -189,7 +192,8 @@ def waypoint_loop(
     Raises
     ------
     TrajectoryError
-        If consecutive poses coincide, or the camera turns too far between them.
+        If there are fewer than two waypoints, the duration or the speed is not positive,
+        consecutive poses coincide, or the camera turns too far between them.
 
     Examples
     --------
@@ -210,6 +214,10 @@ def waypoint_loop(
     >>> round(path.mean_speed_mps(5.0), 6)
     0.5
     """
+    check_positive("duration_s", duration_s, TrajectoryError)
+    check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
+    if len(waypoints) < 2:
+        raise TrajectoryError(f"waypoints: found {len(waypoints)}, expected two or more")
     rng = np.random.default_rng(seed)
     length_m = duration_s * mean_speed_mps
     poses: list[Float64] = []

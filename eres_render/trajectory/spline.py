@@ -37,6 +37,7 @@ class Trajectory:
 
     Rotation and position have separate splines (SO(3) x R^3): scaling the positions scales the
     speed by exactly that factor, and the path of the camera center does not depend on rotations.
+    Methods raise `TrajectoryError` for times off the path.
 
     Parameters
     ----------

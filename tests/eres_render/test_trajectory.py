@@ -14,6 +14,7 @@ from eres_render import (
     path_through,
     plane_homography,
     random_path,
+    waypoint_loop,
 )
 from eres_render.camera import map_pixels
 from eres_render.trajectory.generators import facing_plane
@@ -165,6 +166,26 @@ def test_rotations_must_be_rotations():
     controls[2, 0, 0] = math.sqrt(2)
     with pytest.raises(TrajectoryError, match="in number 2, expected a rotation: orthonormal"):
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)
+
+
+@pytest.mark.parametrize("field", ["duration_s", "mean_speed_mps", "knot_interval_s"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_generators_need_positive_numbers(field, value):
+    """Promise: one line names the argument, in place of a division by zero or a path of NaN."""
+    with pytest.raises(TrajectoryError, match=f"{field}: found {value}, expected a positive"):
+        a_path(**{field: value})
+    if field != "knot_interval_s":
+        settings = {"duration_s": 1.0, "mean_speed_mps": 1.0} | {field: value}
+        none = (0.0, 0.0, 0.0)
+        with pytest.raises(TrajectoryError, match=f"{field}: found {value}, expected a positive"):
+            waypoint_loop(np.array([HOME, HOME]), sway_m=none, turn_rad=none, seed=0, **settings)
+
+
+def test_a_loop_needs_two_waypoints():
+    """Promise: none are an error too, not a division by zero."""
+    settings = {"duration_s": 1.0, "mean_speed_mps": 1.0, "sway_m": (1, 1, 1), "seed": 0}
+    with pytest.raises(TrajectoryError, match="waypoints: found 0, expected two or more"):
+        waypoint_loop(np.empty((0, 4, 4)), turn_rad=(0, 0, 0), **settings)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
