@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from eres_render.rendering.raycast import registry_number
+
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
@@ -121,7 +123,7 @@ def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
             boxes.append([np.ravel(shape.bbox().min), np.ravel(shape.bbox().max)])
             continue
         mesh = _mesh(shape, textures, baked=shape.id() in baked)
-        first_triangle[_registry_number(shape)] = count
+        first_triangle[registry_number(shape)] = count
         count += len(mesh.vertices)
         meshes.append(mesh)
     triangles = _Triangles(*(np.concatenate(column) for column in zip(*meshes, strict=True)))
@@ -148,13 +150,6 @@ class _Triangles(NamedTuple):
     texture: Int32  # (T,), -1: none
     radiance: NDArray[np.float32]  # (T,)
     known: NDArray[np.bool_]  # (T,) whether they can be looked up
-
-
-def _registry_number(shape: Any) -> int:
-    import drjit as dr
-    import mitsuba as mi
-
-    return int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
 def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _Triangles:

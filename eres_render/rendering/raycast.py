@@ -103,7 +103,7 @@ class RayCaster:
         index_of = np.full(int(number.max()) + 1, len(self.shape_ids) - 1, dtype=np.intp)
         index_of[0] = -1
         for i, shape in enumerate(self._mi_scene.shapes()):
-            own = int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
+            own = registry_number(shape)
             if own < len(index_of):
                 index_of[own] = i
         return np.asarray(si.t, np.float64), np.asarray(front(si), np.float64).T, index_of[number]
@@ -127,6 +127,14 @@ class RayCaster:
                     index_of.get(si.shape, len(self.shape_ids) - 1),
                 )
         return distance, normal, shape
+
+
+def registry_number(shape: Any) -> int:
+    """Return the number of a shape in Mitsuba's registry, by which rays tell what they met."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
 def front(si: Any) -> Any:

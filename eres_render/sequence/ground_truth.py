@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +18,12 @@ from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
 from eres_render.sequence.manifest import plane_values
 from eres_render.sequence.sequence import RadianceSequence
+from eres_render.trajectory.frame_times import Distance
 from eres_render.trajectory.spline import Trajectory
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Distance from a (3,) origin along (N, 3) rays to the first surface: (N,) in units of each ray's
-# length, inf where there is none.
-Distance = Callable[[Float64, Float64], Float64]
 # Along (N,) rays: the distance, and the number of the object.
 _Seen = tuple[Float64, NDArray[np.uint8]]
 
@@ -260,14 +258,12 @@ class GroundTruth:
         """Return the (N, 2) flow of points, and which are then visible and which hidden."""
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         depth, number = seen
-        # Points over their depth, so that points at infinity only turn.
-        T = np.linalg.inv(T_1) @ T_0
-        points = rays @ T[:3, :3].T + T[:3, 3] / depth[:, None]
+        points = _over_depth(np.linalg.inv(T_1) @ T_0, rays, depth)
         for k, body in enumerate(self.objects, start=1):
             on = number == k
             before, after = body.pose([t_0_s, t_1_s])
             T = np.linalg.inv(T_1) @ after @ np.linalg.inv(before) @ T_0
-            points[on] = rays[on] @ T[:3, :3].T + T[:3, 3] / depth[on, None]
+            points[on] = _over_depth(T, rays[on], depth[on])
         ahead = points[:, 2] > 0
         points[~ahead] = 0.0, 0.0, 1.0
         there = camera.project(points)
@@ -339,6 +335,11 @@ class GroundTruth:
             distance = np.where(nearer, reach, distance)
             number[nearer] = k
         return distance, number
+
+
+def _over_depth(T: Float64, rays: Float64, depth: Float64) -> Float64:
+    """Return points on (N, 3) rays after a motion, over their depth: at infinity they only turn."""
+    return rays @ T[:3, :3].T + T[:3, 3] / depth[:, None]
 
 
 def ground_truth(sequence: RadianceSequence) -> GroundTruth:

@@ -142,8 +142,8 @@ def depth_image_motion(
 
 # T_world_object, (..., 4, 4), at times (...) in seconds.
 Pose = Callable[[ArrayLike], Float64]
-# Distance from origins along (N, 3) rays to the first surface of an object, both in its own
-# coordinates: (N,) in units of each ray's length, inf where there is none.
+# Distance from a (3,) origin along (N, 3) rays to the first surface: (N,) in units of each ray's
+# length, inf where there is none.
 Distance = Callable[[Float64, Float64], Float64]
 
 
@@ -172,7 +172,7 @@ def object_image_motion(
     box_m
         (2, 3) lower and upper corner of the object in its own coordinates.
     distance
-        Returns the distance to the object along rays.
+        Returns the distance to the object along rays, in its own coordinates.
     grid_points
         Points of the grid along each side of the box's image.
 
