@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import logging
 from collections.abc import Sequence
 from functools import cached_property
@@ -34,6 +35,7 @@ from eres_render.trajectory.frame_times import (
     depth_image_motion,
     object_image_motion,
     plane_image_motion,
+    shadow_image_motion,
 )
 from eres_render.trajectory.spline import Trajectory
 
@@ -43,6 +45,7 @@ Integrator = Literal["baked", "baked-full", "path", "emission"]
 _log = logging.getLogger(__name__)
 
 _VIEWS = 9  # rays along a side of the image that show whether the camera sees the plane
+_DEPTHS = 33  # rays along a side of the image that find the nearest surface
 _OFF_PLANE = 0.01  # relief stays below this share of the distance
 _CHORDS = 2000  # that measure the length of the camera's path as an object sees it
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
@@ -310,17 +313,25 @@ class Renderer:
 
     @cached_property
     def image_motion(self) -> ImageMotion:
-        """Largest motion of the image between two times on the path, px."""
+        """Largest motion of the image between two times on the path, px.
+
+        In path-traced light the shadows and the light of objects that are out of view count too.
+        """
         trajectory, camera = self.trajectory, self.camera
         path = RecentPoses(trajectory)
         if self.scene.plane is not None:
             of_still = plane_image_motion(trajectory, camera, self.scene.plane)
         else:
             of_still = depth_image_motion(path, camera, self.inverse_depth)
-        of_bodies = [
-            object_image_motion(path, camera, body.pose, body.box_m, body.caster.distance)
-            for body in self._still_and_bodies[1]
-        ]
+        px_per_m = functools.lru_cache(maxsize=1)(self._px_per_m)
+
+        def of_body(body: Body) -> ImageMotion:
+            shadow = shadow_image_motion(body.pose, body.box_m, px_per_m)
+            unseen = shadow if self.integrator == "path" else None
+            at = body.pose, body.box_m
+            return object_image_motion(path, camera, *at, body.caster.distance, unseen)
+
+        of_bodies = [of_body(body) for body in self._still_and_bodies[1]]
         if not of_bodies:
             return of_still
         return lambda t_0_s, t_1_s: max(one(t_0_s, t_1_s) for one in (of_still, *of_bodies))
@@ -342,6 +353,12 @@ class Renderer:
         """
         rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
         return 1 / self._still_and_bodies[0].distance(T_world_cam[:3, 3], rays)
+
+    def _px_per_m(self, t_s: float) -> float:
+        """Return the image of a meter on the nearest surface that stands still and is in view."""
+        points_px = self.camera.grid(_DEPTHS)
+        per_depth = self.inverse_depth(self.trajectory.pose(t_s), points_px)
+        return max(self.camera.fx, self.camera.fy) * float(per_depth.max())
 
     @cached_property
     def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:

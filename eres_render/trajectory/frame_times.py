@@ -153,6 +153,7 @@ def object_image_motion(
     pose: Pose,
     box_m: Float64,
     distance: Distance,
+    unseen: ImageMotion | None = None,
     grid_points: int = 17,
 ) -> ImageMotion:
     """Return how far the image of a moving object moves.
@@ -173,6 +174,8 @@ def object_image_motion(
         (2, 3) lower and upper corner of the object in its own coordinates.
     distance
         Returns the distance to the object along rays, in its own coordinates.
+    unseen
+        The motion while the object is out of view, such as `shadow_image_motion`; none by default.
     grid_points
         Points of the grid along each side of the box's image.
 
@@ -221,12 +224,42 @@ def object_image_motion(
         if not len(points):
             points = seen_at(t_1_s)
         if not len(points):
-            return 0.0
+            return 0.0 if unseen is None else unseen(t_0_s, t_1_s)
         before, after = (in_camera(T_cam_object(t), points) for t in (t_0_s, t_1_s))
         if not np.all([before[:, 2] > 0, after[:, 2] > 0]):
             return float(np.hypot(*size))  # it leaves the view
         moved = camera.project(after) - camera.project(before)
         return float(np.linalg.norm(moved, axis=-1).max())
+
+    return motion
+
+
+def shadow_image_motion(
+    pose: Pose, box_m: Float64, px_per_m: Callable[[float], float]
+) -> ImageMotion:
+    """Return how far the shadow or the light of an object moves that is out of view.
+
+    They count as if they moved as far as the object, on the nearest surface in view. Those of an
+    object near a lamp can move farther.
+
+    Parameters
+    ----------
+    pose, box_m
+        As for `object_image_motion`.
+    px_per_m
+        Returns the image of a meter on the nearest surface, px/m, at a time in seconds.
+
+    Returns
+    -------
+    motion
+        Largest displacement of a corner of the box between two times, px.
+    """
+    corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
+
+    def motion(t_0_s: float, t_1_s: float) -> float:
+        T_0, T_1 = pose([t_0_s, t_1_s])
+        moved_m = corners @ (T_1 - T_0)[:3, :3].T + (T_1 - T_0)[:3, 3]
+        return float(np.linalg.norm(moved_m, axis=-1).max()) * px_per_m(t_0_s)
 
     return motion
 

@@ -222,6 +222,19 @@ def test_frames_are_as_close_as_an_objects_motion_needs(scene_folder):
     assert steps_px.max() < 0.5 * 1.05
 
 
+def test_frames_follow_the_light_of_an_object_that_is_out_of_view(scene_folder):
+    """Promise: a ball behind the camera, whose shadow may fall on the floor, moves the image as if
+    it moved on the floor, 3 m below; in emitted light, where it cannot, not at all."""
+    write_path(scene_folder / "ball.txt", (-0.5, 1.5), moved(-0.4, z=3.5), moved(0.4, z=3.5))
+    renderer = Renderer(load_scene(scene_folder), 64, 1)
+    px_s = renderer.camera.fx * 0.4 / 3.0
+    assert renderer.image_motion(0.4, 0.6) == pytest.approx(0.2 * px_s, rel=1e-5)
+    t_s = adaptive_times(renderer.image_motion, (0.4, 0.6), 0.5)
+    np.testing.assert_allclose(np.diff(t_s)[:-1], 0.5 / px_s, rtol=1e-4)
+    emitted = Renderer(load_scene(scene_folder), 64, 1, integrator="emission")
+    assert emitted.image_motion(0.4, 0.6) < 1e-9
+
+
 def test_an_object_that_flies_through_the_view_is_not_missed():
     """A small square crosses the view of a camera at rest within 5 ms of a second."""
     camera = Camera(100, 100, fx=100.0)
