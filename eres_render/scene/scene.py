@@ -35,7 +35,7 @@ GIVEN_CLEARANCE_M = 0.01
 """Least distance of a path of given poses from any surface: ten times the near clip, m."""
 
 _POINTS_A_SIDE = 17  # of an image seen through a lens
-_FEWEST_VIEWS, _POSES_AT_ONCE = 2001, 1 << 14  # that are checked to stay on the square
+_FEWEST_VIEWS, _POSES_AT_ONCE = 2001, 1 << 11  # that are checked to stay on the square
 _AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
