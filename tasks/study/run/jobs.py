@@ -228,7 +228,7 @@ def _check_facing(scene: Scene) -> None:
     """Refuse a scene whose image does not just shrink when the camera is farther away."""
     plane, path = scene.plane, scene.trajectory()
     if plane is not None:
-        axes = path.pose(np.linspace(0.0, path.duration_s, _CHECKED))[:, :3, 2]
+        axes = path.pose(np.linspace(0.0, scene.duration_s, _CHECKED))[:, :3, 2]
         if np.all(axes @ plane.normal < _FACING - 1.0):
             return
     found = "a scene with depth" if plane is None else "a camera that turns away from the plane"
