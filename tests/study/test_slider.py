@@ -229,7 +229,7 @@ def test_claim_22_follows_the_rows():
     assert verdict(slider_rows()).status is Status.HOLDS
     worse = verdict(slider_rows(changed={("tracking", "pebbles", 51.0): -0.3}))
     assert worse.status is Status.DOES_NOT_HOLD
-    assert re.search(r"pebbles, .*tracking.*\(does not hold in 17 lux\)", worse.ours)
+    assert re.search(r"pebbles, .*tracking.*\(does not hold: 17 lux\)", worse.ours)
     assert worse.ours.count("does not hold") == 1
     ideal = {(task, scene, INF): -0.3 for task in SERIES for scene in PRINTS}
     assert verdict(slider_rows(changed=ideal)).status is Status.HOLDS

@@ -103,7 +103,7 @@ class SliderClaim(Claim):
                 found = dict(self._readings(SceneScores(scores, series, scene), at))
                 fails = [hz for hz, one in found.items() if one.status is Status.DOES_NOT_HOLD]
                 texts = [f"{self._light(hz)} {one.text}" for hz, one in found.items()]
-                lost = f" (does not hold in {', '.join(map(self._light, fails))})" if fails else ""
+                lost = f" (does not hold: {', '.join(map(self._light, fails))})" if fails else ""
                 where = f"{scene}{at.words if at else ''}"
                 lines.append(f"{where}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
                 if decides:
