@@ -269,9 +269,11 @@ def spread(coarse, marked, piece_at, settled, unknown):
             g = here[column]
             piece_at[top, column] = g if g != UNKNOWN else above[column]
         for row in range(top + 1, min(top + CORNER_BLOCK_PX, height)):
-            piece_at[row] = here[:width]
+            for column in range(width):
+                piece_at[row, column] = here[column]
         for row in range(top, min(top + CORNER_BLOCK_PX, height - 1)):
-            settled[row] = is_settled[: width - 1]
+            for column in range(width - 1):
+                settled[row, column] = is_settled[column]
         for left in range(0, width, CORNER_BLOCK_PX):
             if is_settled[left]:
                 continue

@@ -23,7 +23,7 @@ from eres_render.scene.settings import (
 )
 from eres_render.scene.xml import read_scene_xml
 from eres_render.storage.settings_reader import read_toml
-from eres_render.trajectory.spline import Trajectory
+from eres_render.trajectory.spline import Trajectory, check_finite
 
 _NAMES_OF_MITSUBA = ("config", "filename")  # arguments of its parser, as names of textures are
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
@@ -109,6 +109,7 @@ def load_scene(
     if trajectory is None:
         return scene
     if isinstance(trajectory, Trajectory):
+        check_finite("trajectory.controls", trajectory.controls)
         settings = dataclasses.replace(scene.settings, path=None)
         return dataclasses.replace(scene, settings=settings, given_path=trajectory)
     if not Path(trajectory).is_file():

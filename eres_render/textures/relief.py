@@ -185,7 +185,8 @@ def _shade_row(
             seen[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
             horizon[k] = max(heights[k], line)
     elif first:
-        horizon[:], seen[:] = heights, 1.0
+        for k in range(columns):
+            horizon[k], seen[k] = heights[k], 1.0
     else:
         aside, drop = abs(x / y), z / abs(y)
         for k in range(columns):

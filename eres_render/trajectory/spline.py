@@ -54,8 +54,9 @@ class Trajectory:
     Raises
     ------
     TrajectoryError
-        If there are fewer than four control poses, one is not a pose, their times do not increase
-        or the second is not 0, or a number is not finite.
+        If there are fewer than four control poses, one has no rotation, or their times are not
+        finite, do not increase, or are not 0 for the second. Positions may be NaN, as where a
+        method fails.
 
     Examples
     --------
@@ -90,8 +91,7 @@ class Trajectory:
                 f"Trajectory.controls: found shape {shape}, expected (N, 4, 4) with N of at least 4"
             )
         knots = self.knots_s
-        _check_finite("Trajectory.knots_s", knots)
-        _check_finite("Trajectory.controls", self.controls)
+        check_finite("Trajectory.knots_s", knots)
         if knots.shape != shape[:1] or not np.all(np.diff(knots) > 0) or knots[1] != 0:
             raise TrajectoryError(
                 f"Trajectory.knots_s: found shape {knots.shape}, {knots[:3].tolist()}..., expected "
@@ -208,7 +208,21 @@ class Trajectory:
         return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
 
 
-def _check_finite(name: str, values: Float64) -> None:
+def check_finite(name: str, values: Float64) -> None:
+    """Check that numbers are finite.
+
+    Parameters
+    ----------
+    name
+        Name of the numbers, for the error.
+    values
+        (N, ...) the numbers.
+
+    Raises
+    ------
+    TrajectoryError
+        One is not; the text has the first row with one.
+    """
     finite = np.isfinite(values)
     if not finite.all():
         k = int(np.argwhere(~finite)[0, 0])
@@ -281,7 +295,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
         k = int(np.argmin(np.diff(t) > 0))
         raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")
-    _check_finite("poses", T_world_cam)
+    check_finite("poses", T_world_cam)
     _check_rotations("poses", T_world_cam)
     knots = _evenly_extended(t - t[0])
     extended = _evenly_extended(knots)

@@ -189,12 +189,13 @@ def test_a_loop_needs_two_waypoints():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_control_poses_and_their_times_are_finite(value):
-    """Promise: a path never has poses that are NaN: a control or time that is, is refused."""
+def test_times_and_the_path_of_a_scene_are_finite(value):
+    """Promise: a time is never NaN, nor is a pose of a path that a scene gets; only a path that a
+    method answers may be, which is a failure."""
     knots_s, controls = 0.5 * np.arange(-1.0, 4.0), np.tile(np.eye(4), (5, 1, 1))
     controls[3, 1, 3] = value
     with pytest.raises(TrajectoryError, match=r"controls: found .* number 3, expected finite num"):
-        Trajectory(knots_s, controls)
+        load_scene("room", Trajectory(knots_s, controls))
     controls[3, 1, 3], knots_s[4] = 0.0, value
     with pytest.raises(TrajectoryError, match=rf"knots_s: found {value} as number 4, expected fin"):
         Trajectory(knots_s, controls)
