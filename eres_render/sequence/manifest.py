@@ -18,6 +18,8 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json, read_typed
 
 FORMAT_VERSION = 2
+RENDER_VERSION = 6
+"""Raise it when the same settings give other frames: no sequence then mixes old and new ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Manifest:
     center of the image and there is no lens. `distortion` is that of the lens, if there is one.
     `objects` are the names of those that move, not written if there are none. `plane` is the normal
     of the plane that the camera sees, and its distance from the origin along it; empty if there is
-    none, and None in older files.
+    none, and None in older files. `render_version` is that of the code that rendered the frames.
     """
 
     version: int
@@ -59,6 +61,7 @@ class Manifest:
     distortion: Distortion | None = None
     objects: tuple[str, ...] = ()
     plane: tuple[float, ...] | None = None
+    render_version: int = RENDER_VERSION
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)

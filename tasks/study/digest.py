@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from eres_render.sequence.manifest import RENDER_VERSION
 from eres_render.storage.digest import digest as whole_digest
 
 # Raise the number of a stage when its results change, so that older files are not reused.
-STAGE_VERSIONS = {"render": 6, "simulate": 1, "evaluate": 3}
+STAGE_VERSIONS = {"render": RENDER_VERSION, "simulate": 1, "evaluate": 3}
 
 
 def digest(values: dict[str, object]) -> str:

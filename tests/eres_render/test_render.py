@@ -311,12 +311,18 @@ def test_a_path_whose_knots_round_to_just_before_its_end_is_rendered(tmp_path):
     assert sequence.t_s[-1] == scene.duration_s
 
 
-def test_a_folder_with_other_settings_is_left_alone(small_carpet, renderer, uninterrupted):
+def test_a_folder_with_other_settings_is_left_alone(
+    small_carpet, renderer, uninterrupted, monkeypatch
+):
+    """Promise: frames of other settings, or of code that renders others, are never mixed in."""
     before = (uninterrupted.folder / "manifest.json").read_bytes()
     with pytest.raises(RenderError, match="found a sequence with spp 9, not 4; remove the f"):
         render_clip(Renderer(small_carpet, 64, 4), CLIP, uninterrupted.folder, 0.25)
     with pytest.raises(RenderError, match="found a sequence with other frame times"):
         render_clip(renderer, CLIP, uninterrupted.folder, 0.125)
+    monkeypatch.setattr("eres_render.sequence.render_clips.RENDER_VERSION", 99)
+    with pytest.raises(RenderError, match=r"found a sequence with render_version \d+, not 99; rem"):
+        render_clip(renderer, CLIP, uninterrupted.folder, 0.25)
     assert (uninterrupted.folder / "manifest.json").read_bytes() == before
 
 
