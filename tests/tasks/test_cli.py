@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from eres_render.rendering.backend import VariantVerdict
+from sensor import SensorError
 from tasks import provenance
 from tasks.cli.main import _ToTerminal, command_names
 
@@ -87,6 +89,30 @@ def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
     assert code == 1
     assert "No space left on device" in err
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_the_doctor_says_what_works(eres, monkeypatch, works):
+    """Promise: each variant of Mitsuba and the sensor's GPU, with the reason where one fails; exit
+    code 1 where nothing renders."""
+    verdicts = [
+        VariantVerdict("cuda_ad_mono", False, 0.1, "no driver"),
+        VariantVerdict("llvm_ad_mono", works, 1.25, "" if works else "no LLVM"),
+    ]
+
+    def simulated(*given, device):
+        if not works:
+            raise SensorError(f"device: found {device!r}, which does not work here: no GPU")
+
+    monkeypatch.setattr("tasks.cli.doctor.probe_variants", lambda: verdicts)
+    monkeypatch.setattr("tasks.cli.doctor.simulate", simulated)
+    code, out, _ = eres("doctor")
+    lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
+    assert code == (0 if works else 1)
+    assert "no driver" in lines["cuda_ad_mono"]
+    assert ("first render in 1.2 s" if works else "no LLVM") in lines["llvm_ad_mono"]
+    assert f"renders use: {'llvm_ad_mono' if works else 'nothing works'}" in out
+    assert lines["sensor,"].endswith("works" if works else "no: no GPU")
 
 
 def test_info_on_nothing_names_the_path(eres, tmp_path):

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
-from light_scenes import CAMERA, edit_scene, room_folder, write_poses, write_scene
+from eres_render.storage.exr import read_luminance
+from light_scenes import (
+    CAMERA,
+    edit_scene,
+    room_folder,
+    small_carpet_folder,
+    write_poses,
+    write_scene,
+)
 from tasks.datasets import EventDataset
 
 SCENE = """<emitter type="constant"/>
@@ -147,6 +155,14 @@ def test_a_calibrated_camera_has_its_own_size(eres, tmp_path, options, text):
     assert not (tmp_path / "out").exists()
     code, _, err = eres("render", "carpet", "--out", tmp_path / "out", "--camera-name", "cam0")
     assert (code, "found 'cam0', expected --camera with it" in err) == (1, True)
+
+
+def test_a_scene_is_baked_into_its_folder(eres, tmp_path):
+    """Promise: the lightmaps lie beside scene.xml, and are printed."""
+    folder = small_carpet_folder(tmp_path / "carpet")
+    code, out, _ = eres("bake", folder)
+    assert (code, out.split()) == (0, [str(folder / "lightmap_carpet.exr")])
+    assert np.all(read_luminance(folder / "lightmap_carpet.exr") > 0)
 
 
 def test_truth_replaces_truth_only_when_told(eres, tmp_path):

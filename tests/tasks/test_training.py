@@ -496,6 +496,22 @@ def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(
     np.testing.assert_allclose(found, [float(cell) for cell in cells], atol=within)
 
 
+@pytest.mark.parametrize("network", ["reconstruction", "flow"])
+def test_options_of_a_training_reach_it(network, eres, tmp_path, monkeypatch):
+    """Promise: the light, the seed and the device are those of the command."""
+    asked = []
+
+    def record(settings, *given, device, **others):
+        asked.append((type(settings).__name__, *given, device))
+        raise TrainingError("asked")
+
+    monkeypatch.setattr("tasks.learned.training.start.start", record)
+    given = "--light", "ideal", "--seed", 7, "--device", "cpu", "--out", tmp_path
+    code, _, err = eres("train", network, "--config", "trial", *given)
+    assert (code, err) == (1, "error: asked\n")
+    assert asked == [(f"{network.capitalize()}Training", "ideal", 7, tmp_path, "cpu")]
+
+
 def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
     """Promise: a finished run's scores, and a card with data, time, code, scores, limits."""
     folder, _, _ = run

@@ -1,0 +1,121 @@
+"""The commands of `eres rig`: each option reaches the function that needs it."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from tasks.errors import RigError
+from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.rig.bundle import Unknowns
+from tasks.rig.evaluate import RigEvaluation
+from tasks.rig.intrinsics import Board
+
+PAGE = """
+camera = {width = 200, height = 150, fx = 260.0}
+[page]
+width_m = 0.12
+height_m = 0.09
+picture = "pebbles"
+picture_width_m = 0.05
+picture_height_m = 0.03
+marker_m = 0.01
+marker_pitch_m = 0.014
+dictionary = "DICT_4X4_100"
+"""
+
+NEAR = SimpleNamespace(folder=Path("near"))  # an open recording
+RENDERED = {
+    "images": 7,
+    "frame_camera": FrameCameraOptions(exposure=0.004),
+    "spp": 4,
+    "max_displacement_px": 0.25,
+    "seed": 5,
+}
+DETECTED = {
+    "images": 9,
+    "max_speed_mps": 0.3,
+    "contrast_threshold": 0.15,
+    "blur_px": 1.5,
+    "refinement": "subpix",
+}
+ALL = Unknowns(latency=True, scale=True, corner_bias=True)
+EVALUATED = RigEvaluation(
+    windows=3,
+    travel_m=0.004,
+    contrast_threshold=0.3,
+    cutoff_hz=90.0,
+    initial_sigma_mm=2.0,
+    seed=8,
+    video=(),
+)
+
+
+@pytest.mark.parametrize(
+    ("command", "function", "expected"),
+    [
+        (
+            "render rig.toml --out near --depth 0.3 --images 7 --exposure 0.004 --spp 4 "
+            "--max-displacement 0.25 --seed 5",
+            "virtual.render_rig",
+            ((Path("rig.toml"), Path("near"), 0.3), RENDERED),
+        ),
+        (
+            "intrinsics a.raw b.raw --out camera.yaml --board 9 6 --square 0.03 --size 346 260",
+            "intrinsics.intrinsics",
+            (([Path("a.raw"), Path("b.raw")], Board(9, 6, 0.03)), {"size": (346, 260)}),
+        ),
+        (
+            "detect near --out c.parquet --source ei --images 9 --max-speed 0.3 --threshold 0.15 "
+            "--blur 1.5 --refinement subpix",
+            "detect.detect",
+            ((NEAR, "ei"), DETECTED),
+        ),
+        (
+            "solve near --out c.json --corners mine.parquet --latency --scale --corner-bias "
+            "--max-rms 0.7",
+            "calibration.solve_recording",
+            ((NEAR, Path("near/mine.parquet"), ALL, 0.7), {}),
+        ),
+        (
+            "evaluate crops --out run --tasks flow tracking --windows 3 --travel 0.004 --threshold "
+            "0.3 --cutoff 90 --initial-sigma-mm 2 --seed 8",
+            "evaluate.evaluate_rig",
+            (((Path("crops"),), EVALUATED), {}),
+        ),
+    ],
+)
+def test_each_option_reaches_its_function(eres, tmp_path, monkeypatch, command, function, expected):
+    """Promise: no option is dropped, or taken for another."""
+    asked = []
+
+    def record(*given, on_progress=None, **options):
+        asked.append((given, options))
+        raise RigError("asked")
+
+    monkeypatch.chdir(tmp_path)
+    opened = "tasks.rig.recording.open_recording"
+    monkeypatch.setattr(opened, lambda path: SimpleNamespace(folder=path))
+    monkeypatch.setattr("tasks.rig.markers.read_detections", lambda file: file)
+    monkeypatch.setattr(f"tasks.rig.{function}", record)
+    code, _, err = eres("rig", *command.split())
+    assert (code, err) == (1, "error: asked\n")
+    assert asked == [expected]
+
+
+def test_a_page_is_printed_with_its_markers(eres, tmp_path):
+    """Promise: the file to print, its image and its markers; nothing is replaced unless told."""
+    (tmp_path / "rig.toml").write_text(PAGE)
+    asked = "rig", "page", tmp_path / "rig.toml", "--out", tmp_path / "print.pdf"
+    code, out, _ = eres(*asked)
+    page = json.loads((tmp_path / "page.json").read_text())
+    assert code == 0
+    assert f"print.pdf: 12.0 x 9.0 cm, {len(page['markers_m'])} markers of" in out
+    assert (tmp_path / "print.pdf").read_bytes().startswith(b"%PDF")
+    assert np.ptp(cv2.imread(str(tmp_path / "page.png"), -1)) > 100
+    code, _, err = eres(*asked)
+    assert (code, "exists already" in err) == (1, True)
+    assert eres(*asked, "--overwrite")[0] == 0
