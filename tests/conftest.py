@@ -63,11 +63,14 @@ FIRST = (
     "eres_render/test_scenes.py",
     "tasks/test_cli_light.py",
     "tasks/test_view.py",  # the last of all by name
-    "tasks/test_training.py",
+    "study/test_report_browser.py",
     "study/test_run.py",
+    "tasks/rig/test_virtual_rig.py",
+    "tasks/test_fitting.py",
+    "docs/test_docstring_examples.py",
+    "tasks/test_generation.py",
+    "tasks/test_training.py",
     "study/test_report.py",
-    "test_guards.py",
-    "eres_render/test_memory.py",
 )
 
 

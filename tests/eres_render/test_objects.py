@@ -151,7 +151,7 @@ def test_an_instance_stands_still_beside_an_object(tmp_path):
       <shape type="instance" id="other"><ref id="group"/>
       <transform name="to_world"><translate x="0.8" z="0.5"/></transform></shape>"""
     scene = load_scene(folder_of(tmp_path, FLOOR, SPHERE, group))
-    depth = truth_of(scene).depth(0.5)  # the ball is at x = 0
+    depth = truth_of(scene).depth(0.5, 96)  # the ball is at x = 0
     z_m = depth.min(initial=9.0, where=np.isfinite(depth))
     assert z_m == pytest.approx(1.7, rel=1e-3)  # the top of the ball
     column = round(48 + truth_of(scene).camera(96).fx * 0.8 / 2.3)
