@@ -31,6 +31,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imp
 
 from numba.core.caching import IndexDataCacheFile  # noqa: E402
 
+from browser import CHROMIUM  # noqa: E402
 from eres_render import load_scene  # noqa: E402
 from light_scenes import light_evenly, small_carpet_folder  # noqa: E402
 from tasks import cli  # noqa: E402
@@ -113,6 +114,18 @@ def small_carpet(tmp_path_factory):
     """Load a small carpet in even light, which needs no baking on any machine."""
     folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
     return load_scene(light_evenly(folder, "carpet", 3.0))
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """Start a browser; skip the test where there is none."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
 
 
 @pytest.fixture

@@ -1,15 +1,14 @@
 """Path-traced frames: when eres uses them, their noise, and the warnings."""
 
-import importlib.util
 import json
 import logging
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from another_process import run_python
+from benchmark_files import benchmark
 from eres_render import (
     Clip,
     Noise,
@@ -270,11 +269,7 @@ def test_said_false_events_are_the_sensors(name, tmp_path):
     """
     if backend.select_variant().startswith("scalar"):
         pytest.skip("path tracing so many paths needs a vectorized variant")
-    file = ROOT / "benchmarks" / "path_noise.py"
-    spec = importlib.util.spec_from_file_location("path_noise", file)
-    path_noise = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = path_noise  # where dataclasses look their module up
-    spec.loader.exec_module(path_noise)
+    path_noise = benchmark("path_noise")
     said, measured = path_noise.compare(path_noise.write_scene(tmp_path, name), 24, 16, 256)
     assert said.log_noise == pytest.approx(measured.log_noise, rel=0.15)
     tolerance = 0.25 * measured.false_events_hz + 2 * said.false_events_error_hz

@@ -1,9 +1,6 @@
 """The sensor on moving textures against the slow reference, and on light with exact answers."""
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference_sensor
+from benchmark_files import benchmark
+from event_streams import COLUMNS
 from moving_texture import texture_in_motion
 from sensor import SensorModel, simulate_bank
 from sensor.engine import devices, group
 
-COLUMNS = ("t_us", "x", "y", "p")
 CUTOFFS_HZ = (math.inf, 200.0, 50.0)
 DARK = 0.01
-PATH = Path(__file__).parents[2] / "benchmarks" / "conformance.py"
 
 
 @settings(max_examples=14)
@@ -100,10 +97,7 @@ def test_the_bank_is_the_same_to_the_bit(seed, interval_s, order, threads, chunk
 
 @pytest.fixture(scope="module")
 def conformance():
-    spec = importlib.util.spec_from_file_location("conformance", PATH)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["conformance"] = module  # where its dataclasses look for it
-    spec.loader.exec_module(module)
+    module = benchmark("conformance")
     signals = module.all_signals()
     return module, signals, [module.run(signal) for signal in signals]
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import sensor
+from event_streams import COLUMNS
 from moving_texture import texture_in_motion
 from sensor import SensorModel, memory, simulate, stream
 from sensor.engine import bank, sorting
 from sensor.memory import Memory
 
 LARGE = 1 << 21
-COLUMNS = ("t_us", "x", "y", "p")
 
 
 @pytest.fixture

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from event_streams import COLUMNS
 from sensor import EventError, Events, SensorError, SensorModel, simulate, stream
 from sensor.events import concatenate
 from sensor.readout import Readout, read_out
-
-COLUMNS = ("t_us", "x", "y", "p")
 
 
 def make(t_us, x=None, y=None, p=None, size=(64, 64)):

@@ -6,33 +6,15 @@ import math
 import numpy as np
 import pytest
 
+from event_streams import COLUMNS, assert_same
+from moving_texture import texture_in_motion
 from sensor import EventError, Events, SensorError, SensorModel, simulate, simulate_bank, stream
 from sensor.engine import bank, devices, group, workers
-
-COLUMNS = ("t_us", "x", "y", "p")
-
-
-def texture_in_motion(frames=25, size=48, interval_s=1e-3, seed=0):
-    """Return a 1/f texture that moves by 0.7 px per frame, up and to the left."""
-    rng = np.random.default_rng(seed)
-    n = 2 * size
-    f = np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
-    f[0, 0] = 1.0
-    spectrum = np.fft.fft2(rng.standard_normal((n, n))) / f
-    shift = np.exp(2j * np.pi * 0.7 * np.add.outer(np.fft.fftfreq(n), np.fft.fftfreq(n)))
-    views = np.stack([np.fft.ifft2(spectrum * shift**k).real for k in range(frames)])
-    views *= 0.7 / views.std()
-    return np.exp(views[:, :size, :size]).astype(np.float32), np.arange(frames) * interval_s
-
-
-def assert_same(a, b):
-    for column in COLUMNS:
-        np.testing.assert_array_equal(getattr(a, column), getattr(b, column))
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return texture_in_motion()
+    return texture_in_motion(0, 25, (48, 48), 1e-3, travel_px=24.0)
 
 
 def model(size=48, cutoff_hz=200.0, **kwargs):
@@ -88,7 +70,7 @@ def test_a_step_of_many_thresholds_fires_one_event_for_each():
 @pytest.mark.parametrize("interval_s", [3e-7, 1e-3, 7e-3])
 def test_sorted_by_time_row_column(interval_s):
     """Promise: output is sorted by time, ties by (y, x), also where frames share a microsecond."""
-    frames, t_s = texture_in_motion(interval_s=interval_s)
+    frames, t_s = texture_in_motion(0, 25, (48, 48), interval_s, travel_px=24.0)
     events = simulate(frames, 1.0 + t_s, model(cutoff_hz=math.inf), threads=2)
     key = events.t_us * 10_000 + events.y.astype(np.int64) * 100 + events.x
     assert np.all(np.diff(key) >= 0)

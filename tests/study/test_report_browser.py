@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from browser import CHROMIUM, LOW_CONTRAST, watched
+from browser import LOW_CONTRAST, watched
 from finished_runs import JOB, add_previews, make_run, page_of
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
@@ -14,9 +14,6 @@ from tasks.row import Row
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
-)
 PHONE, DESK, WALL = (390, 844), (1280, 2000), (1920, 1080)
 STORED = sorted((Path(__file__).parents[2] / "docs" / "results").glob("*/report.html"))
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
@@ -56,14 +53,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
     page_of(folder)
     return folder / "report.html"
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[sync_api.Browser]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from browser import CHROMIUM, LOW_CONTRAST, watched
+from browser import LOW_CONTRAST, watched
 from eres_render import ground_truth, load_scene, open_sequence, render_scene
 from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
@@ -567,17 +567,6 @@ def test_without_h264_another_file_is_named(eres, tmp_path, recording, monkeypat
 
 
 # The page
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 def row(page):

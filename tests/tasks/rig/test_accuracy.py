@@ -1,20 +1,16 @@
 """How well events alone solve the rig at the sizes of real cameras."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmark_files import benchmark
 from tasks.rig.bundle import Unknowns
 from tasks.rig.calibration import compare, read_truth, solve_recording
 from tasks.rig.detect import detect
 
-PATH = Path(__file__).parents[3] / "benchmarks" / "rig.py"
-SPEC = importlib.util.spec_from_file_location("rig_benchmark", PATH)
-benchmark = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(benchmark)
+rig = benchmark("rig")
 
 UNKNOWNS = Unknowns(latency=True, corner_bias=True)
 SETTINGS = [  # width, depth and travel in meters
@@ -29,7 +25,7 @@ SETTINGS = [  # width, depth and travel in meters
 def folder(request, tmp_path_factory):
     """A rendered recording with the events of the benchmark's two sensors."""
     out = tmp_path_factory.mktemp("rig") / "near"
-    benchmark.events_of(out, benchmark.light_of(out, *request.param))
+    rig.events_of(out, rig.light_of(out, *request.param))
     return out
 
 
@@ -37,15 +33,15 @@ def folder(request, tmp_path_factory):
 def test_markers_in_high_pass_images_solve_the_rig(folder):
     """Promise: with noise, mismatch, leak and hot pixels, a quarter of the visible markers is
     found; true images are right to 0.1 px, flow to 0.01 px and positions to 0.5 mm."""
-    recording = benchmark.recording_of(folder, "noisy")
-    found = detect(recording, "hf", images=benchmark.IMAGES)
+    recording = rig.recording_of(folder, "noisy")
+    found = detect(recording, "hf", images=rig.IMAGES)
     solved = solve_recording(recording, found, UNKNOWNS, 2.0)
     truth = read_truth(recording)
     errors = compare(solved.pose.pose(), truth, recording.camera, solved.x_m)
     assert errors.image_px < 0.1
     assert errors.flow_px < 0.01
     assert errors.position_mm < 0.5
-    visible = benchmark.visible(recording, truth, np.unique(found.t_us).tolist())
+    visible = rig.visible(recording, truth, np.unique(found.t_us).tolist())
     assert len(found.t_us) > 0.25 * visible
 
 
@@ -53,9 +49,9 @@ def test_markers_in_high_pass_images_solve_the_rig(folder):
 def test_integrated_events_measure_the_cutoff(folder):
     """Promise: the latency of event integration is the photoreceptor's 2 / (2 pi f), to 10 %; at
     1280 px with a blur of 2 px."""
-    recording = benchmark.recording_of(folder, "clean")
-    blur_px = 0.0 if recording.camera.width < benchmark.FINE_PX else benchmark.BLUR_PX
-    found = detect(recording, "ei", images=benchmark.IMAGES, blur_px=blur_px)
+    recording = rig.recording_of(folder, "clean")
+    blur_px = 0.0 if recording.camera.width < rig.FINE_PX else rig.BLUR_PX
+    found = detect(recording, "ei", images=rig.IMAGES, blur_px=blur_px)
     solved = solve_recording(recording, found, UNKNOWNS, 2.0)
-    delay_ms = 1e3 / (math.pi * benchmark.CUTOFF_HZ)
+    delay_ms = 1e3 / (math.pi * rig.CUTOFF_HZ)
     assert solved.latency_ms == pytest.approx(delay_ms, rel=0.1)
