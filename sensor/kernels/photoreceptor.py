@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import jit
+from sensor.kernels.elementary import inlined, jit
 
 # Limits of a dt. In float64 a pole does not move below the first and does not lag above the second.
 # So no cutoff and no light overflows.
@@ -49,12 +49,35 @@ def within_float(x):
     return min(max(x, LEAST_X), GREATEST_X)
 
 
-def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
-    """Return the coefficients that advance the poles exactly over one frame interval.
+def closed_form(x: float, e: float, phi: float, two: bool) -> Step:
+    """Return the `Step` of an interval.
 
     For the input u0 + s t, with x = a dt, e = exp(-x) and phi = (1 - e) / x, the closed forms
     v1(dt) = u0 + s dt - s/a + A e and v2(dt) = u0 + s dt - 2 s/a + (B + A x) e are linear in the
     state and in u at both ends. With a single pole, v2 has the form of v1.
+
+    Parameters
+    ----------
+    x, e, phi
+        As above.
+    two
+        Whether there are two poles.
+
+    Returns
+    -------
+    Step
+    """
+    if two:
+        v2_u1 = 1.0 + e - 2.0 * phi
+        return Step(x, e, phi - e, 1.0 - phi, x * e, 1.0 - e - x * e - v2_u1, v2_u1)
+    return Step(x, e, phi - e, 1.0 - phi, 0.0, phi - e, 1.0 - phi)
+
+
+step_of = inlined(closed_form)
+
+
+def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
+    """Return the coefficients that advance the poles exactly over one frame interval.
 
     Parameters
     ----------
@@ -72,13 +95,7 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
     if math.isinf(cutoff_hz):
         return Step()
     x = within_float(2.0 * math.pi * float(dt_s) * float(cutoff_hz))
-    e = math.exp(-x)
-    phi = -math.expm1(-x) / x
-    first = x, e, phi - e, 1.0 - phi
-    if poles == 1:
-        return Step(*first, v2_u0=phi - e, v2_u1=1.0 - phi)
-    v2_u1 = 1.0 + e - 2.0 * phi
-    return Step(*first, v2_v1=x * e, v2_u0=1.0 - e - x * e - v2_u1, v2_u1=v2_u1)
+    return closed_form(x, math.exp(-x), -math.expm1(-x) / x, poles == 2)
 
 
 @jit
@@ -110,13 +127,10 @@ def poles_to_end_in_own_light(n, response, light_a, light_0, dt_s, x, e):
         light = math.exp(0.5 * (u0[i] + u1[i])) + light_0
         xi = within_float(light_a * dt_s * light)
         ei = math.exp(-xi)
-        phi = -math.expm1(-xi) / xi
         x[i], e[i] = xi, ei
-        v1_end[i] = ei * v1[i] + (phi - ei) * u0[i] + (1.0 - phi) * u1[i]
+        by = step_of(xi, ei, -math.expm1(-xi) / xi, two)
+        v1_end[i] = ei * v1[i] + by.v1_u0 * u0[i] + by.v1_u1 * u1[i]
         if two:
-            ramp = 1.0 + ei - 2.0 * phi
-            v2_end[i] = (
-                ei * v2[i] + xi * ei * v1[i] + (1.0 - ei - xi * ei - ramp) * u0[i] + ramp * u1[i]
-            )
+            v2_end[i] = ei * v2[i] + by.v2_v1 * v1[i] + by.v2_u0 * u0[i] + by.v2_u1 * u1[i]
         else:
-            v2_end[i] = ei * v2[i] + (phi - ei) * u0[i] + (1.0 - phi) * u1[i]
+            v2_end[i] = ei * v2[i] + by.v2_u0 * u0[i] + by.v2_u1 * u1[i]

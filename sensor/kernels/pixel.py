@@ -40,7 +40,7 @@ from sensor.kernels.noise import (
     uniform,
 )
 from sensor.kernels.packing import POLARITY_SHIFT, TIME_SHIFT, pack
-from sensor.kernels.photoreceptor import Step, within_float
+from sensor.kernels.photoreceptor import step_of, within_float
 from sensor.kernels.silence import Ends, may_fire
 
 
@@ -251,12 +251,7 @@ def step_in_own_light(u0, u1, filter, dt_s):
     """
     light = math.exp(0.5 * (u0 + u1)) + filter.light_0
     x = within_float(filter.light_a * dt_s * light)
-    e = math.exp(-x)
-    phi = -math.expm1(-x) / x
-    if filter.poles == 1.0:
-        return Step(x, e, phi - e, 1.0 - phi, 0.0, phi - e, 1.0 - phi)
-    ramp = 1.0 + e - 2.0 * phi
-    return Step(x, e, phi - e, 1.0 - phi, x * e, 1.0 - e - x * e - ramp, ramp)
+    return step_of(x, math.exp(-x), -math.expm1(-x) / x, filter.poles == 2.0)
 
 
 @jit
