@@ -1,4 +1,9 @@
-"""Errors of the sensor package."""
+"""Errors of the sensor package, and advice in them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection
 
 
 class SensorError(ValueError):
@@ -43,3 +48,23 @@ class EventFormatError(EventError):
     >>> load_events("bare.txt", size=(346, 260))
     Events(1 of 346x260 px, 334..334 us)
     """
+
+
+def nearest(name: str, names: Collection[str], others: str = "") -> str:
+    """Return the advice for an unknown name: a similar one, or all names.
+
+    Parameters
+    ----------
+    name
+        The unknown name.
+    names
+        Those that are known.
+    others
+        What else may be given, such as "a file, or ".
+
+    Returns
+    -------
+    str
+    """
+    close = difflib.get_close_matches(name.lower(), names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"expected {others}one of {', '.join(names)}"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
-from sensor.errors import SensorError
+from sensor.errors import SensorError, nearest
 from sensor.model import SensorModel
 
 
@@ -115,10 +114,4 @@ def find_sensor(name: str) -> SensorPreset:
     """
     if name in SENSORS:
         return SENSORS[name]
-    raise SensorError(f"sensor: found {name!r}; {hint(name)}")
-
-
-def hint(name: str) -> str:
-    """Return the advice for an unknown name: a similar one, or all names."""
-    close = difflib.get_close_matches(name.lower(), SENSORS, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(SENSORS)}"
+    raise SensorError(f"sensor: found {name!r}; {nearest(name, SENSORS)}")

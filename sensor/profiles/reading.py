@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from sensor.errors import SensorError
+from sensor.errors import SensorError, nearest
 from sensor.model import PHOTORECEPTORS, SensorModel
 from sensor.numbers import real, refusal
 from sensor.profiles.profile import Profile, Sourced
@@ -54,12 +53,7 @@ def find_profile(name: str | Path) -> Profile:
         return read_profile(_FOLDER / f"{text}.toml")
     if text.endswith(".toml") or Path(text).is_file():
         return read_profile(Path(text))
-    close = difflib.get_close_matches(text.lower(), names, n=1)
-    advice = (
-        f"did you mean {close[0]!r}?"
-        if close
-        else f"expected a file such as mine.toml, or one of {', '.join(names)}"
-    )
+    advice = nearest(text, names, "a file such as mine.toml, or ")
     raise SensorError(f"profile: found {text!r}; {advice}")
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from sensor.errors import nearest
 from sensor.model import Photoreceptor, SensorModel
-from sensor.presets import SENSORS, find_sensor, hint
+from sensor.presets import SENSORS, find_sensor
 from sensor.profiles import Profile, find_profile
 from tasks.errors import TaskError
 
@@ -218,7 +219,7 @@ class BusOptions:
             if self.bus not in SENSORS:
                 raise TaskError(
                     f"bus: found {self.bus!r}, neither a rate in million events per second, "
-                    f"such as --bus 12, nor {UNLIMITED}, nor a camera; {hint(self.bus)}"
+                    f"such as --bus 12, nor {UNLIMITED}, nor a camera; {nearest(self.bus, SENSORS)}"
                 ) from None
         rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
         if rate_mev_s is None:
