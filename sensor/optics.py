@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sensor.errors import SensorError
 from sensor.kernels.radiance import Overlap, integrate_area
 from sensor.model import LEAST_FILL_FACTOR
-from sensor.numbers import refusal
+from sensor.numbers import refusal, whole
 
 
 def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
@@ -80,8 +80,8 @@ def integrate(
     Raises
     ------
     SensorError
-        The fill factor is not a share, or radiance is negative or not finite. Rows of samples that
-        no pixel sees are not read.
+        The size is not positive, the fill factor is not a share, or radiance is negative or not
+        finite. Rows of samples that no pixel sees are not read.
 
     Examples
     --------
@@ -93,6 +93,9 @@ def integrate(
     >>> integrate(frame, height=1, width=4)
     array([[0., 2., 2., 0.]])
     """
+    for name, side in (("height", height), ("width", width)):
+        if whole(name, side, "a positive integer, px") < 1:
+            raise refusal(name, side, "a positive integer, px")
     if not LEAST_FILL_FACTOR <= fill_factor <= 1:
         raise refusal("fill_factor", fill_factor, f"a share from {LEAST_FILL_FACTOR:g} to 1")
     of_machine = frame.dtype.newbyteorder("=")

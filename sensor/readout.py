@@ -277,6 +277,13 @@ def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
         Iterate over it for the sent events with the times at which they left. Memory depends on
         the size of the parts and of the FIFO only. `report` is complete after the iteration.
 
+    Raises
+    ------
+    SensorError
+        `readout` is not a bus.
+    EventError
+        In the iteration: parts are not those of one stream, or their times are out of range.
+
     Examples
     --------
     A hundred pixels of a row fire at once, and the FIFO has room for 60 events:

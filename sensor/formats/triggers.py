@@ -67,7 +67,13 @@ class Triggers:
         return len(self.t_us)
 
     def later(self, shift_us: int) -> Triggers:
-        """Return the triggers with a shift added to their times; see `Events.later`."""
+        """Return the triggers with a shift added to their times, microseconds.
+
+        Raises
+        ------
+        EventError
+            As `Events.later`.
+        """
         return Triggers(shifted(self.t_us, shift_us, "Triggers.later"), self.channel, self.p)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -223,6 +224,7 @@ def log_bin_edges_us(
     ----------
     shortest_us, longest_us
         First edge, and about the last: the whole number of bins whose last edge is nearest.
+        Positive.
     per_decade
         Number of bins per decade.
 
@@ -230,12 +232,21 @@ def log_bin_edges_us(
     -------
     (B + 1,) int64
 
+    Raises
+    ------
+    EventError
+        An edge is not positive.
+
     Examples
     --------
     >>> from sensor.statistics import log_bin_edges_us
     >>> log_bin_edges_us(10, 1000, per_decade=3)
     array([  10,   22,   46,  100,  215,  464, 1000])
     """
+    if not (0 < shortest_us < math.inf and 0 < longest_us < math.inf):
+        raise EventError(
+            f"log_bin_edges_us: found {shortest_us} to {longest_us} us, expected positive times"
+        )
     decades = np.log10(longest_us / shortest_us)
     steps = np.arange(round(decades * per_decade) + 1) / per_decade
     return np.unique(np.round(shortest_us * 10**steps).astype(np.int64))
@@ -250,7 +261,7 @@ def mode_us(
     Parameters
     ----------
     edges_us
-        (B + 1,) bin edges.
+        (B + 1,) ascending bin edges, positive.
     counts
         (B,) counts, which are divided by the widths of the bins in log time.
 

@@ -29,6 +29,13 @@ def test_fractional_box_matches_brute_force(size):
     )
 
 
+@pytest.mark.parametrize("size", [(0, 4), (3, -1), (2.5, 4)])
+def test_a_sensor_without_pixels_is_refused(size):
+    """Promise: by name, not by an error of NumPy's."""
+    with pytest.raises(SensorError, match=r"(height|width): found .*, expected a positive integer"):
+        integrate(np.ones((8, 8)), *size)
+
+
 def test_mean_is_conserved_at_the_papers_ratio():
     """Physics: 1280 / 346 = 3.699...; the sensor receives the light of the frame."""
     frame = np.random.default_rng(2).gamma(0.3, 5.0, (1280, 1280)).astype(np.float32)

@@ -91,6 +91,8 @@ def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
     assert np.all(np.diff(np.log10(edges[10:])) == pytest.approx(0.1, abs=0.005))
     assert mode_us([10, 20, 80], [100, 150]) == pytest.approx(math.sqrt(200))
     assert mode_us([10, 20, 80], [0, 0]) is None
+    with pytest.raises(EventError, match="found 0 to 1000 us, expected positive times"):
+        log_bin_edges_us(0, 1000)
 
 
 def test_hundreds_of_bins_do_not_wrap():
