@@ -283,39 +283,9 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     >>> round(float(path.velocity(0.5)[0]), 3)  # m/s
     0.2
     """
-    t, T_world_cam = np.asarray(t_s, dtype=np.float64), np.asarray(T_world_cam, dtype=np.float64)
-    if T_world_cam.ndim != 3 or T_world_cam.shape[1:] != (4, 4):
-        raise TrajectoryError(f"poses: found shape {T_world_cam.shape}, expected (N, 4, 4)")
-    if t.shape != (len(T_world_cam),):
-        raise TrajectoryError(
-            f"times: found shape {t.shape}, expected ({len(T_world_cam)},), one for each pose"
-        )
-    if len(t) < 2:
-        raise TrajectoryError(f"found {len(t)}, expected two or more poses")
-    if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
-        k = int(np.argmin(np.diff(t) > 0))
-        raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")
-    check_finite("poses", T_world_cam)
-    _check_rotations("poses", T_world_cam)
-    knots = _evenly_extended(t - t[0])
-    extended = _evenly_extended(knots)
-    n = len(t)
-
-    # Position k is a_k c_(k-1) + b_k c_k + d_k c_(k+1), in control positions c.
-    k0, k1, k2, k3, k4 = (extended[j : j + n] for j in range(5))
-    a = (k3 - k2) ** 2 / ((k3 - k0) * (k3 - k1))
-    d = (k2 - k1) ** 2 / ((k4 - k1) * (k3 - k1))
-    b = 1 - a - d
-    # No acceleration at the ends: the outermost two steps have equal velocity.
-    span = extended[3:] - extended[:-3]  # the duration of each step
-    first_step, last_step = span[0] / span[1], span[-1] / span[-2]
-    banded = np.zeros((3, n))
-    banded[0, 1:], banded[1], banded[2, :-1] = d[:-1], b, a[1:]
-    banded[1, 0] += a[0] * (1 + first_step)
-    banded[0, 1] -= a[0] * first_step
-    banded[1, -1] += d[-1] * (1 + last_step)
-    banded[2, -2] -= d[-1] * last_step
-
+    t, T_world_cam = _checked_poses(t_s, T_world_cam)
+    knots, n = _evenly_extended(t - t[0]), len(t)
+    banded, first_step, last_step = _natural_system(_evenly_extended(knots))
     position = solve_banded((1, 1), banded, T_world_cam[:, :3, 3])
     position = np.concatenate(
         [
@@ -358,6 +328,57 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
             error.number = worst
             raise error
     return path
+
+
+def _checked_poses(t_s: ArrayLike, T_world_cam: ArrayLike) -> tuple[Float64, Float64]:
+    """Return (N,) times and (N, 4, 4) poses as float64, after the checks of `path_through`."""
+    t, T_world_cam = np.asarray(t_s, dtype=np.float64), np.asarray(T_world_cam, dtype=np.float64)
+    if T_world_cam.ndim != 3 or T_world_cam.shape[1:] != (4, 4):
+        raise TrajectoryError(f"poses: found shape {T_world_cam.shape}, expected (N, 4, 4)")
+    if t.shape != (len(T_world_cam),):
+        raise TrajectoryError(
+            f"times: found shape {t.shape}, expected ({len(T_world_cam)},), one for each pose"
+        )
+    if len(t) < 2:
+        raise TrajectoryError(f"found {len(t)}, expected two or more poses")
+    if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
+        k = int(np.argmin(np.diff(t) > 0))
+        raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")
+    check_finite("poses", T_world_cam)
+    _check_rotations("poses", T_world_cam)
+    return t, T_world_cam
+
+
+def _natural_system(extended: Float64) -> tuple[Float64, float, float]:
+    """Return the equations for the control positions of a path through given positions.
+
+    Parameters
+    ----------
+    extended
+        (N + 4,) knots with two more on each side.
+
+    Returns
+    -------
+    banded, first_step, last_step
+        (3, N) matrix for `solve_banded`, and how many times as long as their neighbors the
+        outermost two steps between control positions are.
+    """
+    n = len(extended) - 4
+    # Position k is a_k c_(k-1) + b_k c_k + d_k c_(k+1), in control positions c.
+    k0, k1, k2, k3, k4 = (extended[j : j + n] for j in range(5))
+    a = (k3 - k2) ** 2 / ((k3 - k0) * (k3 - k1))
+    d = (k2 - k1) ** 2 / ((k4 - k1) * (k3 - k1))
+    b = 1 - a - d
+    # No acceleration at the ends: the outermost two steps have equal velocity.
+    span = extended[3:] - extended[:-3]  # the duration of each step
+    first_step, last_step = span[0] / span[1], span[-1] / span[-2]
+    banded = np.zeros((3, n))
+    banded[0, 1:], banded[1], banded[2, :-1] = d[:-1], b, a[1:]
+    banded[1, 0] += a[0] * (1 + first_step)
+    banded[0, 1] -= a[0] * first_step
+    banded[1, -1] += d[-1] * (1 + last_step)
+    banded[2, -2] -= d[-1] * last_step
+    return banded, first_step, last_step
 
 
 def _evenly_extended(knots_s: Float64) -> Float64:
