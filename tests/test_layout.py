@@ -124,7 +124,7 @@ WINGS = {
     "tasks.methods": {"tasks.numerics"},
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),
-    "tasks.events": {"tasks.evaluation", "tasks.footage"},
+    "tasks.events": {"tasks.footage"},
     "tasks.recording": {
         *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods", "tasks.numerics"),
     },

@@ -13,10 +13,10 @@ from sensor.levels import DARK_FRACTION
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
 from tasks.methods import check_method
 from tasks.registry import TASKS, load
 from tasks.row import Row
+from tasks.warm_up import warn_if_coarse, warn_if_short
 
 
 def evaluate_sequence(

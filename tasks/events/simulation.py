@@ -22,13 +22,13 @@ from sensor.levels import DARK_FRACTION
 from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
-from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
 from tasks.events.imu import imu_to_add
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import AddTo, truth_to_add
 from tasks.origin import origin_of
+from tasks.warm_up import warn_if_coarse, warn_if_short
 
 
 class Frames(Protocol):

@@ -13,7 +13,7 @@ import numpy as np
 
 from eres_render.progress import Progress, silent
 from tasks.dense_flow import DenseFlowSample, flow_at
-from tasks.evaluation.scorers.answers import ask, flow_answer
+from tasks.evaluation.answers import ask, flow_answer
 from tasks.methods import load_method
 from tasks.recording.flow_windows import Start, followed
 from tasks.recording.frames import Frames

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eres_render.progress import Progress, silent
-from tasks.evaluation.scorers.answers import ask, flow_answer
+from tasks.evaluation.answers import ask, flow_answer
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import estimate

@@ -14,7 +14,7 @@ import numpy as np
 
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
-from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
+from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
 from tasks.psnr import psnr_db as picture_psnr_db

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
-from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
+from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
 from tasks.recording.calibration import Calibration
 from tasks.recording.images import network_options

@@ -23,7 +23,7 @@ from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from sensor.levels import DARK_FRACTION
 from tasks.errors import RigError
-from tasks.evaluation.scorers.answers import ask, ask_each, flow_answer, image_answer, path_answer
+from tasks.evaluation.answers import ask, ask_each, flow_answer, image_answer, path_answer
 from tasks.flow import (
     INITIAL_SIGMA_PX,
     MARGIN_PX,

@@ -25,7 +25,7 @@ from sensor.formats import (
     write_events,
 )
 from sensor.optics import crop_to_aspect
-from tasks.evaluation.warm_up import warn_if_short
+from tasks.warm_up import warn_if_short
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.evaluation.scorers.answers import flow_answer
+from tasks.evaluation.answers import flow_answer
 from tasks.flow import FlowEstimate
 
 

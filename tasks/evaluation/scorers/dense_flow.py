@@ -10,8 +10,8 @@ from sensor import Events
 from sensor.events import concatenate
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError
+from tasks.evaluation.answers import ask, flow_answer
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, flow_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import DenseFlow

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from sensor import Events
 from sensor.events import concatenate
+from tasks.evaluation.answers import ask, flow_answer
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, flow_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Flow

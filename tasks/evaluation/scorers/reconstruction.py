@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sensor import Events
+from tasks.evaluation.answers import ask, image_answer
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Reconstruction

@@ -12,9 +12,9 @@ from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
 from tasks.errors import TaskError
+from tasks.evaluation.answers import ask, path_answer
 from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, path_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Tracking

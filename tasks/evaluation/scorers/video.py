@@ -10,8 +10,8 @@ import numpy as np
 
 from sensor import Events
 from tasks.errors import TaskError
+from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video
