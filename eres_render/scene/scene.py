@@ -35,7 +35,7 @@ GIVEN_CLEARANCE_M = 0.01
 """Least distance of a path of given poses from any surface: ten times the near clip, m."""
 
 _POINTS_A_SIDE = 17  # of an image seen through a lens
-_FEWEST_VIEWS, _POSES_AT_ONCE = 2001, 1 << 11  # that are checked to stay on the square
+_FEWEST_VIEWS, _RAYS_AT_ONCE = 2001, 1 << 16  # that are checked to stay on the square
 _AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
@@ -331,8 +331,9 @@ def _reach_m(
     sides = facing_plane(plane, center_m, 0.0)[:3, :2]
     t_s = _view_times(trajectory, duration_s)
     reach_m = 0.0
-    for k in range(0, len(t_s), _POSES_AT_ONCE):  # paths may have a million poses
-        poses = trajectory.pose(t_s[k : k + _POSES_AT_ONCE])
+    poses_at_once = _RAYS_AT_ONCE // len(rays)
+    for k in range(0, len(t_s), poses_at_once):  # paths may have a million poses
+        poses = trajectory.pose(t_s[k : k + poses_at_once])
         try:
             rays_world = rays @ np.swapaxes(poses[:, :3, :3], 1, 2)
             seen = plane.intersect(poses[:, None, :3, 3], rays_world)

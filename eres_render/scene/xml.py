@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -160,7 +160,7 @@ def _fov_rad(camera: Element) -> float:
     values = {e.get("name", ""): e.get("value", "") for e in camera}
     sides = {e.get("name", ""): e.get("value", "") for e in camera.iterfind("film/integer")}
     width, height = (
-        _number(f"film {name}", sides.get(name, str(usual)), math.inf, "a positive number of px")
+        _number(f"film {name}", sides.get(name, str(usual)), math.inf, "a whole number of px", int)
         for name, usual in zip(("width", "height"), _FILM_PX, strict=True)
     )
     aspect = width / height
@@ -186,10 +186,12 @@ def _fov_rad(camera: Element) -> float:
     return 2.0 * math.atan(half)
 
 
-def _number(name: str, text: str, below: float, expected: str) -> float:
+def _number(
+    name: str, text: str, below: float, expected: str, kind: Callable[[str], float] = float
+) -> float:
     """Return the value of a field, a number above 0 and below a limit."""
     try:
-        value = float(text)
+        value = kind(text)
     except ValueError:
         value = math.nan
     if not 0 < value < below:

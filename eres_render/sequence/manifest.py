@@ -61,7 +61,7 @@ class Manifest:
     distortion: Distortion | None = None
     objects: tuple[str, ...] = ()
     plane: tuple[float, ...] | None = None
-    render_version: int = RENDER_VERSION
+    render_version: int = 6  # of files that do not say
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)

@@ -362,7 +362,7 @@ def _too_fast(moved_px: float, within_s: float, t_s: float) -> RenderError:
     return RenderError(
         f"path: found an image that moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, "
         f"expected frames at least {_LEAST_STEP_S:g} s apart; are the times of the poses in "
-        "seconds?"
+        "seconds? Objects count, those out of view too"
     )
 
 

@@ -99,6 +99,10 @@ class Trajectory:
             )
         _check_rotations("Trajectory.controls", self.controls)
 
+    @cached_property
+    def _extended_s(self) -> Float64:
+        return _evenly_extended(self.knots_s)
+
     def __repr__(self) -> str:
         return f"Trajectory({len(self.controls)} control poses, {self.duration_s:g} s)"
 
@@ -205,7 +209,7 @@ class Trajectory:
                 f"[{t.min():g}, {t.max():g}] s"
             )
         i = np.clip(np.searchsorted(self.knots_s, t, side="right") - 2, 0, len(self.knots_s) - 4)
-        return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
+        return i, *_cumulative_basis(self._extended_s, i, t)
 
 
 def check_finite(name: str, values: Float64) -> None:

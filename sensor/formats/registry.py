@@ -462,9 +462,9 @@ def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
     """
     path = Path(path)
     chosen = find_format(path, format)
+    path.open("rb").close()  # raises OSError if the file is missing or not readable
     if chosen.read_triggers is None:
         return NO_TRIGGERS
-    path.open("rb").close()  # raises OSError if the file is missing or not readable
     try:
         return chosen.read_triggers(path)
     except EventFormatError as error:

@@ -113,6 +113,7 @@ def fit(
         for one in found.sweep:
             sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
+    if found.thresholds is not None:
         terminal.out.print(found.sentence(), soft_wrap=True)
     if found.thresholds is not None and found.thresholds.unexplained > NOISY:
         terminal.out.print(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
@@ -26,7 +28,7 @@ TRUTH = {
 TARGETS = ("frame", *TRUTH)
 
 _DSEC = FORMATS["dsec"].suffixes
-_OFTEN_OTHERS = (".txt", ".csv", ".npz", ".dat")  # a README, times of images, a table
+_OFTEN_OTHERS = (".txt", ".csv", ".npz")  # a README, times of images, a table
 _ANY_SIZE = (1 << 16, 1 << 16)
 _ORIGIN = ("scene", "clip", "frames_width", "frames_height")
 
@@ -127,12 +129,17 @@ def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> boo
 
 
 def _has_events(path: Path) -> bool:
-    """Return whether a first event can be read."""
-    try:
-        size = None if read_header(path).width is not None else _ANY_SIZE
-        return any(len(part) for part in read_events(path, size=size))
-    except EventFormatError:
-        return False
+    """Return whether a text file or an archive of arrays holds events, as far as can be told."""
+    if path.suffix.lower() == ".npz":
+        if not is_zipfile(path):  # damaged
+            return True
+        with ZipFile(path) as archive:
+            return "t_us.npy" in archive.namelist()
+    for unit in (None, "us"):  # whole times may be in any unit
+        with suppress(EventFormatError):
+            size = None if read_header(path).width is not None else _ANY_SIZE
+            return any(len(part) for part in read_events(path, size=size, time_unit=unit))
+    return False
 
 
 def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:

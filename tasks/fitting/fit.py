@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,7 +68,7 @@ class Evidence:
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.light is not None:
-            raise TaskError("found frames and light, expected one of them")
+            raise TaskError("frames, crop: found both, expected one of them")
         seen = self.frames is not None or self.light is not None
         if self.still_s is None and not seen and self.rises_us is None:
             raise TaskError(
@@ -113,6 +114,8 @@ class Found:
 
     def sentence(self) -> str:
         """Return a sentence on how far the thresholds depend on the dark level."""
+        if not self.sweep:
+            return "no other dark level fits, so how far the answer depends on it is not known"
         on, off = ([getattr(one, sign).value for one in self.sweep] for sign in ("on", "off"))
         low, high = (100 * end(one.dark for one in self.sweep) for end in (min, max))
         return (
@@ -250,13 +253,10 @@ def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Pr
     else:
         late = best_delay_us(levels), 0.0, 2
     on_progress("fitting", 3, most)
+    thresholds = fit_thresholds(levels, coarse, *late)
     sweep = []
     for k, share in enumerate(DARK_SHARES, start=4):
-        sweep.append(fit_thresholds(levels.at_dark(share), coarse.at_dark(share), *late))
+        with suppress(TaskError):  # nobody asked for this level; the others are printed
+            sweep.append(fit_thresholds(levels.at_dark(share), coarse.at_dark(share), *late))
         on_progress("fitting", k, most)
-    return replace(
-        found,
-        thresholds=fit_thresholds(levels, coarse, *late),
-        sweep=tuple(sweep),
-        motion=motion,
-    )
+    return replace(found, thresholds=thresholds, sweep=tuple(sweep), motion=motion)

@@ -16,7 +16,7 @@ from tasks.numerics.estimate import Estimate, tiles_of
 
 _LEAST_STEPS = 2
 _LEAST_EVENTS = 3.0  # mean number of events of a pixel after a step
-_OF_USUAL = 0.5  # of the events of a pixel that sees the lamp; fewer are background
+_LATE = 0.25  # of the early events of a pixel that sees the lamp, at most
 _POINTS = 120  # of the curve
 _LEAST_POINTS = 5  # one more than parameters
 _FROM = 1.0  # events of a pixel, as the first one depends on its memory
@@ -55,11 +55,12 @@ class Response(NamedTuple):
 def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     """Estimate cutoff and latency from the ON events after steps of the light.
 
-    Only pixels that see the lamp are used: those with at least one ON event per step on average,
-    and half as many as is usual in the tile of pixels with most events. The mean number of ON
-    events of a pixel until a time t after the step is A g(a (t - latency)) - B, where g is the step
-    response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the step in thresholds,
-    and B the part of it that the memories of the pixels absorb. Least squares finds A, B, a and the
+    Only pixels that see the lamp are used: those with at least one ON event per step on average in
+    the first half of the time between steps, and at most a quarter as many in the second; other
+    pixels fire at any time. The mean number of ON events of a pixel until a time t after the step
+    is A g(a (t - latency)) - B, where g is the step response of one pole, 1 - e^{-y}, or of two,
+    1 - (1 + y) e^{-y}; A is the step in thresholds, and B the part of it that the memories of the
+    pixels absorb. Least squares finds A, B, a and the
     latency, from the first event of the mean pixel on. With one pole, a delay looks like another B,
     so B is fixed: at 1, for equal thresholds, and at 3/4 and 5/4 for the interval. One and two
     poles are compared with B at 1. The interval is that of a bootstrap over tiles of pixels, of
@@ -92,7 +93,7 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     mine = (step >= 0) & (since_us < window_us) & (events.p > 0)
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
-    lit = _sees_the_lamp(pixel, events.width, len(rises_us))
+    lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
@@ -135,7 +136,9 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
     curves = [mean_events(weights) for weights in draws]
     # Tiles with little light may be drawn alone.
-    curves = [one for one in curves if curve.points(one, _FROM) >= _LEAST_POINTS] or [whole]
+    curves = [one for one in curves if curve.points(one, _FROM) >= _LEAST_POINTS]
+    if len(curves) < _DRAWS / 2:
+        raise TaskError("steps: found too few pixels with several ON events after a step")
     drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])
     low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
@@ -157,14 +160,14 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     )
 
 
-def _sees_the_lamp(pixel: NDArray[np.int64], width: int, steps: int) -> NDArray[np.bool_]:
-    """Return whether each event's pixel, (N,), sees the lamp."""
-    count = np.bincount(pixel, minlength=1)[pixel]
-    tile = tiles_of(pixel // width, pixel % width, width)
-    busiest = tile == np.bincount(tile, minlength=1).argmax()
-    usual = float(np.median(count[busiest])) if len(pixel) else 0.0
-    found: NDArray[np.bool_] = count >= max(steps, _OF_USUAL * usual)
-    return found
+def _sees_the_lamp(
+    pixel: NDArray[np.int64], is_early: NDArray[np.bool_], steps: int
+) -> NDArray[np.bool_]:
+    """Return whether each event's pixel, (N,), sees the lamp: it has fallen silent half-way."""
+    size = int(pixel.max(initial=0)) + 1
+    early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
+    lit: NDArray[np.bool_] = (early >= steps) & (late <= _LATE * early)
+    return lit[pixel]
 
 
 class _Fit(NamedTuple):

@@ -127,6 +127,11 @@ def open_footage(
         raise TaskError(f"{path}: found floats with encoding {encoding}, expected linear")
     luminance = Luminance(encoding)
     light = luminance(first)
+    white = white_level(light) if floats else 1.0
+    if white <= 0:
+        raise TaskError(
+            f"{path}: found a black first frame, expected light, as white is its 99.9th percentile"
+        )
     offset_us = t_ns[0] // 1000
     return Footage(
         path=path,
@@ -135,6 +140,6 @@ def open_footage(
         height=light.shape[0],
         width=light.shape[1],
         encoding=encoding,
-        white_level=white_level(light) if floats else 1.0,
+        white_level=white,
         frames=lambda: map(luminance, coded()),
     )

@@ -100,16 +100,24 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     Raises
     ------
     TaskError
-        The video is damaged, has another number of frames, or its display matrix does not rotate by
-        a multiple of 90 degrees.
+        The video is damaged, has another number of frames, frames differ in size, or its display
+        matrix does not rotate by a multiple of 90 degrees.
     """
-    found = 0
+    found, size = 0, None
     with _open(path) as (container, stream):
         for frame in container.decode(stream):
             found += 1
             matrix = frame.side_data.get("DISPLAYMATRIX")
             numbers = _numbers(frame)
-            yield numbers if matrix is None else _turned(numbers, matrix, path)
+            if matrix is not None:
+                numbers = _turned(numbers, matrix, path)
+            size = size or numbers.shape[:2]
+            if numbers.shape[:2] != size:
+                raise TaskError(
+                    f"{path}: frame {found}: found {numbers.shape[1]}x{numbers.shape[0]} px, "
+                    f"expected {size[1]}x{size[0]} px, as the first"
+                )
+            yield numbers
     if found != count:
         raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
 
@@ -126,6 +134,7 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
         target = "rgb48le" if deep else "rgb24"
     untagged = Colorspace.ITU709 if frame.height >= _HIGH_DEFINITION else Colorspace.ITU601
     tags = {one.value: one for one in Colorspace}
+    tags |= {6: Colorspace.ITU601, 10: Colorspace.BT2020}  # in tags alone, not in swscale
     numbers: NDArray[np.generic] = frame.to_ndarray(
         format=target,
         src_colorspace=tags.get(frame.colorspace, untagged),

@@ -64,6 +64,7 @@ def make_dataset(
     folders = [sequence_folder(out, number) for number in range(count)]
     try:
         with locked(out / ".lock", wait=False):
+            claim_folder(settings, out)  # others may have done so at the same time
             missing = [number for number, folder in enumerate(folders) if not folder.is_dir()]
             found = count - len(missing)
 

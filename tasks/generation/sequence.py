@@ -67,8 +67,11 @@ def complete_sequence(
         Folder of the dataset.
     """
     folder = sequence_folder(out, number)
-    make_sequence(settings, number, out / UNFINISHED / folder.name, on_progress)
-    os.replace(out / UNFINISHED / folder.name, folder)
+    made = out / UNFINISHED / folder.name
+    make_sequence(settings, number, made, on_progress)
+    for left in made.rglob(".*.unfinished"):  # of a process that was killed as it wrote
+        left.unlink()
+    os.replace(made, folder)
 
 
 def make_sequence(

@@ -50,7 +50,7 @@ class StudySensor:
         Settings of the study that the sensor overrides with a value of its own:
         "contrast_thresholds", "photoreceptors", "bus".
     readout
-        Its bus, None for no bus; that of the study counts unless `own` has "bus".
+        Its bus; None for that of the study, or for no bus if `own` has "bus".
     """
 
     name: str
@@ -213,8 +213,8 @@ def read_sensor(
         own.append("contrast_thresholds")
     if pixel.photoreceptor or pixel.cutoff_follows_light or "photoreceptor" in known:
         own.append("photoreceptors")
-    if bus.bus is not None:
-        own.append("bus")
+    if bus.bus is not None and readout is None:
+        own.append("bus")  # unlimited
     return StudySensor(
         name=body.name or name or body.sensor or f"{plain.width}x{plain.height}",
         in_light=models,

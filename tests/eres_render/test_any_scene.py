@@ -145,7 +145,7 @@ def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
         ),
         (
             '<film type="hdrfilm"><integer name="height" value="0"/></film>',
-            "film height: found '0', expected a positive number of px",
+            "film height: found '0', expected a whole number of px",
         ),
     ],
 )

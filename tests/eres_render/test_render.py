@@ -312,7 +312,7 @@ def test_a_path_whose_knots_round_to_just_before_its_end_is_rendered(tmp_path):
 
 
 def test_a_folder_with_other_settings_is_left_alone(
-    small_carpet, renderer, uninterrupted, monkeypatch
+    small_carpet, renderer, uninterrupted, monkeypatch, tmp_path
 ):
     """Promise: frames of other settings, or of code that renders others, are never mixed in."""
     before = (uninterrupted.folder / "manifest.json").read_bytes()
@@ -323,6 +323,13 @@ def test_a_folder_with_other_settings_is_left_alone(
     monkeypatch.setattr("eres_render.sequence.render_clips.RENDER_VERSION", 99)
     with pytest.raises(RenderError, match=r"found a sequence with render_version \d+, not 99; rem"):
         render_clip(renderer, CLIP, uninterrupted.folder, 0.25)
+    older = tmp_path / "older"
+    shutil.copytree(uninterrupted.folder, older)
+    manifest = json.loads(before)
+    del manifest["render_version"]
+    (older / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(RenderError, match="found a sequence with render_version 6, not 99; rem"):
+        render_clip(renderer, CLIP, older, 0.25)
     assert (uninterrupted.folder / "manifest.json").read_bytes() == before
 
 

@@ -137,7 +137,7 @@ def test_invalid_triggers(columns, said):
         make_triggers(*columns)
 
 
-@pytest.mark.parametrize("suffix", [".h5", ".raw", ".npz"])
+@pytest.mark.parametrize("suffix", [".h5", ".raw", ".npz", ".txt", ".bag"])
 def test_a_file_that_is_not_there_is_an_os_error(suffix, tmp_path):
     """Promise: as for events, whatever the format."""
     with pytest.raises(FileNotFoundError, match=f"none{suffix}"):

@@ -143,11 +143,11 @@ def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     """Promise: a report replaces its own tables; a file of the user's beside them stays."""
     run = make_run(tmp_path, paper_rows(samples=1))
     (run / "figures").mkdir()
-    former = "figures/tradeoff_former.png"
-    for name in ("tables_mine.csv", "tables_v2e.csv", "figures/mine.png", former):
+    former = "figures/tradeoff_high_pass_filter.png"
+    for name in ("tables_mine.csv", "tables_v2e.csv", "figures/tradeoff_mine.png", former):
         (run / name).write_text("from elsewhere")
     page_of(run)
-    for name in ("tables_mine.csv", "figures/mine.png"):
+    for name in ("tables_mine.csv", "figures/tradeoff_mine.png"):
         assert (run / name).read_text() == "from elsewhere"
     assert not (run / former).exists()
     assert not (run / "tables_v2e.csv").exists()

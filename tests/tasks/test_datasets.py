@@ -344,13 +344,14 @@ def test_files_that_are_not_events_may_lie_beside_them(folder, tmp_path):
     (copy / "frames.csv").write_text("t_us_start,t_us_end,file\n0,10,000000.png\n")
     (copy / "timestamps.txt").write_text("# unit: us\n10\n20\n")
     (copy / "poses.txt").write_text("# t x y z qx qy qz qw\n0.0 0 0 0 0 0 0 1\n")
-    (copy / "notes.dat").write_bytes(b"anything")
     np.savez(copy / "table.npz", losses=np.zeros(3))
     assert len(EventDataset(copy)) == len(EventDataset(folder))
-    (copy / "notes.dat").unlink()  # its reader takes long
     events = load_events(copy / "1.h5")
-    for name in ("2.txt", "2.npz"):
-        write_events(copy / name, events)
+    for name in ("2.txt", "2.npz", "3.txt", "3.npz", "3.dat"):
+        if name.startswith("2"):
+            write_events(copy / name, events)
+        else:  # in microseconds, as NumPy writes them; damaged
+            np.savetxt(copy / name, np.stack(events[:9].columns, 1), "%d")
         with pytest.raises(TaskError, match=f"{name}: found a format without windows"):
             EventDataset(copy)
         (copy / name).unlink()

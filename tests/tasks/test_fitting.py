@@ -2,6 +2,7 @@
 
 import functools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from tasks.fitting.steps import read_steps
 from tasks.fitting.stillness import counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.numerics.estimate import poisson_rate, share
+from tasks.recording.frames import open_frames
 from tasks.recording.levels import Levels, levels_of
 from tasks.recording.threshold import best_delay_us, fit_line, fit_thresholds
 
@@ -362,23 +364,31 @@ def with_background(events, pixels, count):
 
 
 @pytest.mark.parametrize("side", [4, 8])
-def test_a_small_lamp_is_told_from_background(side):
-    """Promise: pixels that fire at random, as many as see the lamp, change neither cutoff nor
-    latency; a lamp in a single tile has intervals too."""
+@pytest.mark.parametrize(("pixels", "count"), [(20, 24), (40, 100), (1, 5000)])
+def test_a_small_lamp_is_told_from_background(side, pixels, count):
+    """Promise: pixels that fire at random, more than see the lamp, or a hot one with more events
+    than all of these, change neither cutoff nor latency; a lamp in a single tile has intervals
+    too."""
     events, rises_us = flashes(200.0, 2e-4)
     lamp = events.where((events.x < side) & (events.y < side))
-    found = fit_response(with_background(lamp, pixels=20, count=24), rises_us)
+    found = fit_response(with_background(lamp, pixels, count), rises_us)
     inside(found.cutoff_hz, 200.0)
     inside(found.latency_s, 2e-4)
 
 
-def test_draws_of_background_alone_are_left_out(monkeypatch):
-    """Promise: where the lamp is in few of the tiles, no draw of the others ends in a traceback."""
-    monkeypatch.setattr("tasks.fitting.response._OF_USUAL", 0.0)
+def test_draws_of_dim_pixels_alone_are_left_out():
+    """Promise: where most pixels see just enough of the lamp for an event, no draw of these ends in
+    a traceback; if nearly all do, it is an error."""
     events, rises_us = flashes(200.0, 2e-4)
     lamp = events.where((events.x < 4) & (events.y < 4))
-    found = fit_response(with_background(lamp, pixels=14, count=8), rises_us)
+    step = np.searchsorted(rises_us, lamp.t_us, side="right")
+    place = (step * 16 + lamp.y * 4 + lamp.x) * 2 + (lamp.p > 0)
+    is_first = np.zeros(len(lamp), bool)
+    is_first[np.unique(place, return_index=True)[1]] = True
+    found = fit_response(lamp.where(is_first | (lamp.y == 0)), rises_us)
     assert found.cutoff_hz.low < found.cutoff_hz.value < found.cutoff_hz.high
+    with pytest.raises(TaskError, match="steps: found"):
+        fit_response(lamp.where(is_first | (lamp.y + lamp.x == 0)), rises_us)
 
 
 def test_events_at_too_few_times_are_refused():
@@ -401,6 +411,24 @@ def frames_of(folder, step):
         rows.append(f"{t_us},{t_us},{k:04d}.tiff")
     (folder / "frames.csv").write_text("\n".join(rows))
     return folder
+
+
+def test_dark_levels_that_nobody_asked_for_may_not_fit(tmp_path, monkeypatch):
+    """Promise: the fit at the given dark level stands; the sweep has the levels that fit too."""
+    real, asked = fit_thresholds, []
+
+    def refusing_some(levels, *given):
+        asked.append(levels)
+        if len(asked) in (2, 3):
+            raise TaskError("changes of the light that do not fit")
+        return real(levels, *given)
+
+    monkeypatch.setattr("tasks.fitting.fit.fit_thresholds", refusing_some)
+    frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
+    found = fit_recording(moving(0.2, 0.25, 1e-2), Evidence(frames=frames, dark_share=1e-2))
+    inside(found.thresholds.on, 0.2)
+    assert len(found.sweep) == len(asked) - 3 > 2
+    assert "no other dark level fits" in replace(found, sweep=()).sentence()
 
 
 def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
@@ -455,6 +483,7 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
         ({"still_s": (-1.0, 0.5)}, "still: found -1 to 0.5 s"),
         ({"still_s": (0.0, 1.0), "dark_share": 0.0}, "dark: found 0, expected a share"),
         ({"still_s": (0.0, 1.0), "motion": True}, "motion: expected it with frames or a crop"),
+        ({"frames": "frames", "light": "light"}, "frames, crop: found both, expected one of them"),
         ({"still_s": (0.0, 1.0)}, "without events"),
     ],
 )

@@ -19,7 +19,7 @@ from sensor.formats import read_events
 from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
-from tasks.footage import open_footage
+from tasks.footage import open_footage, video
 from tasks.footage.images import list_images, read_images
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px, optical_flow
@@ -218,6 +218,40 @@ def test_videos_are_decoded_by_their_tags(tmp_path, matrix, wide):
     assert footage.encoding == "rec709"
     expected = to_linear(rgb_of(planes, matrix, wide), "rec709") @ BT709
     np.testing.assert_allclose(list(footage), expected, atol=4e-3)
+
+
+def test_a_matrix_with_two_tags_is_one_matrix(tmp_path):
+    """Promise: BT.601 tagged as SMPTE 170M stays that in high definition, where untagged video
+    would be BT.709."""
+    planes = np.broadcast_to(np.uint8([[90], [120], [160]])[..., None], (2, 3, 720, 16)).copy()
+    both = [
+        next(iter(open_footage(write_video(tmp_path / f"{tag}.mkv", planes, matrix=tag))))
+        for tag in (5, 6)
+    ]
+    np.testing.assert_array_equal(*both)
+
+
+def test_frames_of_a_video_that_change_size_are_named(tmp_path, monkeypatch):
+    """Promise: the sensor never sees the corner of a larger frame."""
+    path = write_video(tmp_path / "a.mkv", np.full((3, 3, 32, 48), 120, np.uint8))
+    real, seen = video._numbers, []
+
+    def growing(frame):
+        seen.append(frame)
+        return np.repeat(real(frame), 2, axis=0) if len(seen) % 4 == 0 else real(frame)
+
+    monkeypatch.setattr(video, "_numbers", growing)  # as a stream of another resolution would
+    with pytest.raises(TaskError, match=r"a.mkv: frame 3: found 48x64 px, expected 48x32 px"):
+        list(open_footage(path))
+
+
+def test_footage_of_floats_that_begins_black_is_refused(tmp_path):
+    """Promise: the error names the file and the cause, which the sensor does not know."""
+    (tmp_path / "fade").mkdir()
+    for k in range(3):
+        write_luminance(tmp_path / "fade" / f"{k}.exr", np.full((8, 8), float(k)))
+    with pytest.raises(TaskError, match="fade: found a black first frame, expected light"):
+        open_footage(tmp_path / "fade", fps=100)
 
 
 def test_video_with_ten_bits_keeps_them(tmp_path):

@@ -137,6 +137,7 @@ def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, mon
     assert "the same command continues" in error
     assert not (out / "000001").exists()
     half = out / ".unfinished" / "000001"
+    (half / ".events_inf.h5.77.0123.unfinished").write_bytes(b"of a killed process")
     written = {file: file.stat().st_mtime_ns for file in (half / "frames").iterdir()}
     assert eres("dataset", out, "--count", 1, "--seed", 4, *OPTIONS)[0] == 0  # leaves it as it is
     assert len(EventDataset(out)) == 2 * 3

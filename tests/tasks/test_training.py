@@ -13,6 +13,7 @@ import tomllib
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -416,6 +417,11 @@ def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
         trained(tmp_path / "large")
     assert not (tmp_path / "large").exists()
     monkeypatch.undo()
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    card = SimpleNamespace(total_memory=1000)
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda number: card)
+    with pytest.raises(TrainingError, match=r"needs about .* and this GPU has 0\.0 GB"):
+        start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(TrainingError, match="device: found no GPU"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})

@@ -50,8 +50,8 @@ def train(
 ) -> Scores:
     """Train a network, or continue after the last checkpoint.
 
-    On the same machine with the same number of threads, an interrupted training ends with the same
-    weights as an uninterrupted one.
+    On the processor of the same machine, with the same number of threads, an interrupted training
+    ends with the same weights as an uninterrupted one.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def train(
     """
     if (folder / WEIGHTS_FILE).exists():
         return {light: list(found) for light, found in read_scores(folder).scores.items()}
-    place = _device(device)
+    place = device_of(device)
     problem.network.to(place).train()
     optimizer = torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
     progress = load_checkpoint(folder, problem.network, optimizer)
@@ -134,16 +134,24 @@ def check_machine(problem: Problem, device: str | None) -> None:
     TrainingError
         There is not enough memory, or no such device.
     """
-    _device(device)
-    needed, there = problem.memory_bytes(), memory_bytes()
+    needed, there, what = problem.memory_bytes(), memory_bytes(), "machine"
+    if device_of(device).type == "cuda":
+        there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
     if needed > there:
         raise TrainingError(
-            f"train: a step needs about {needed / 1e9:.1f} GB of memory, and this machine has "
+            f"train: a step needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
             f"{there / 1e9:.1f} GB; lower schedule.crops_per_step or crops.side_px"
         )
 
 
-def _device(name: str | None) -> torch.device:
+def device_of(name: str | None) -> torch.device:
+    """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one.
+
+    Raises
+    ------
+    TrainingError
+        There is no such device.
+    """
     has_cuda = torch.cuda.is_available()
     if name == "cuda" and not has_cuda:
         raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")

@@ -9,7 +9,7 @@ from pathlib import Path
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from tasks.learned.training.flow import Flow
-from tasks.learned.training.loop import Scores, check_machine, train
+from tasks.learned.training.loop import Scores, check_machine, device_of, train
 from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
 from tasks.learned.training.run_folder import WEIGHTS_FILE, opened
@@ -71,6 +71,7 @@ def start(
     }
     if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
         check_machine(problem, device)  # before the folder keeps settings that cannot be trained
+        made_with = {**made_with, "device": device_of(device).type}
     with opened(folder, described, made_with):
         found = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
     return problem, found

@@ -12,6 +12,7 @@ from jinja2 import Template
 from eres_render.storage.atomic import write_bytes
 from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
+from tasks.registry import TASKS
 from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
@@ -127,15 +128,16 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     figures = run.folder / "figures"
-    earlier = set(figures.glob("tradeoff_*"))  # some of methods that the run no longer has
+    ours = {m for task in TASKS.values() for m in task.methods}  # the run may no longer have some
+    stale = {figures / f"tradeoff_{name}.{kind}" for name in ours for kind in ("png", "svg")}
     for series in filter(is_main, run.series):
         plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
         for kind, image in figure_files(plots).items():
             name = re.sub(r"\W+", "_", series.method)
             write_bytes(file := figures / f"tradeoff_{name}.{kind}", image)
-            earlier.discard(file)
-    for file in earlier:
-        file.unlink()
+            stale.discard(file)
+    for file in stale:
+        file.unlink(missing_ok=True)
     report = run.folder / "report.html"
     write_bytes(report, page)
     return report

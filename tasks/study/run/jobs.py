@@ -73,11 +73,14 @@ class Job:
 
     @property
     def _stretch(self) -> dict[str, object]:
-        return {
+        found: dict[str, object] = {
             "scene": self.scene.digest,
             "clip": self.clip,
             "render": replace(self.render, samples=None),  # a job does not depend on the others
         }
+        if self.scene.settings.objects:
+            found["frame times"] = "with objects out of view"  # earlier code left these out
+        return found
 
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
@@ -91,7 +94,7 @@ class Job:
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
                 name=sensor.name,
-                readout=sensor.readout if "bus" in sensor.own else bus,
+                readout=None if "bus" in sensor.own else sensor.readout or bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
                 distance=self._seen_px(sensor, model) / model.width if same_lens else 1.0,

@@ -1,4 +1,4 @@
-"""The commands of `eres rig`: each option reaches the function that needs it."""
+"""Commands of `eres rig`: their options reach the functions that need them."""
 
 import json
 from pathlib import Path
