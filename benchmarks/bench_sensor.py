@@ -30,6 +30,9 @@ from process_times import Times, times_now
 from eres_render.storage.exr import read_luminance, write_luminance
 from sensor import SensorModel, simulate, stream, stream_bank
 
+# Shift from frame to frame, px, and time between frames, s.
+SCENES = {"dense": (0.97, 1e-3), "sparse": (0.097, 1e-4), "very dense": (12.0, 1e-3)}
+
 
 def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np.ndarray:
     """Return radiance (frames, size, size) float32 of a texture that moves along a diagonal."""
@@ -44,6 +47,7 @@ def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np
     edges = np.sign(np.roll(smooth, 500, axis=0))
     texture = np.exp(0.65 * smooth + 0.25 * edges).astype(np.float32)
     step = shift_px / math.sqrt(2)
+    frames = min(frames, 1 + int((size - 1) / step))  # the texture is two sensors wide
     views = np.empty((frames, size, size), np.float32)
     for k in range(frames):
         whole = math.floor(k * step)
@@ -64,11 +68,10 @@ def main() -> None:
     parser.add_argument("--pause", type=float, default=0.0, help="seconds before each run")
     args = parser.parse_args()
     size = args.size
-    scenes = {
-        "dense": (moving_texture(size, args.frames, 0.97), np.arange(args.frames) * 1e-3),
-        "sparse": (moving_texture(size, args.frames, 0.097), np.arange(args.frames) * 1e-4),
-        "very dense": (moving_texture(size, args.frames, 12.0), np.arange(args.frames) * 1e-3),
-    }
+    scenes = {}
+    for name, (shift_px, interval_s) in SCENES.items():
+        frames = moving_texture(size, args.frames, shift_px)
+        scenes[name] = frames, np.arange(len(frames)) * interval_s
 
     def model(cutoff_hz: float) -> SensorModel:
         return SensorModel(width=size, height=size, cutoff_hz=cutoff_hz)

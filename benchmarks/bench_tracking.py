@@ -103,8 +103,8 @@ def main() -> None:
                 f"{1e3 * sigma_m:9.0f} {answer.diagnostics.passes:7} {fit.wall_s:8.2f} "
                 f"{fit.user_s:6.2f} {fit.system_s:7.2f}  {found}"
             )
-            if used == len(events):
-                return
+        if len(events) <= max_events:
+            return
 
 
 if __name__ == "__main__":

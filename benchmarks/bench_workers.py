@@ -1,5 +1,7 @@
 """Measure how a study scales: the same small jobs on one and on two workers of one core each.
 
+    python benchmarks/bench_workers.py
+
 Both clusters run all the time and take turns. Every run has its own seed of the renderer, so it
 renders its own frames. Each worker has one core and one Numba thread; Dr.Jit always has two. Wall
 times on a busy machine say little. CPU times show the cost of distribution itself: those of the

@@ -39,8 +39,10 @@ def lines(scores: Scores, task: str, network: str) -> list[str]:
             rows[TASKS[task].label(method)] = [scores.cell(series, one).median for one in where]
         for name, values in rows.items():
             known = [value for value in values if value is not None]
-            best = (max if metric.higher_is_better else min)(known)
-            shown = [f"**{v:.2f}**" if v == best else f"{v:.2f}" for v in known]
+            best = (max if metric.higher_is_better else min)(known, default=None)
+            shown = [
+                "–" if v is None else f"**{v:.2f}**" if v == best else f"{v:.2f}" for v in values
+            ]
             found.append(f"| {light} | {name} | {' | '.join(shown)} |")
     return found
 

@@ -1,5 +1,7 @@
 """Estimate the time of preset `paper` on many workers, from `tasks.study.run.estimate`.
 
+    python benchmarks/cluster_model.py
+
 Workers have one core each, take the longest tasks first, and wait only for each other. The second
 table splits the jobs further, which eres does not: workers render ten frames at a time, and when a
 clip is complete, each task simulates and scores one sensor on it.

@@ -177,7 +177,7 @@ def main() -> None:
         # 8-bit values for the peers; a logarithm has the same differences at any scale.
         frames = moving_texture(args.size, args.frames, shift_px)
         frames *= 255 / frames.max()
-        t_us = np.arange(1, args.frames + 1) * _INTERVAL_US[scene]
+        t_us = np.arange(1, len(frames) + 1) * _INTERVAL_US[scene]
         for cutoff_hz in (math.inf, 200.0):
             able = {
                 name: run

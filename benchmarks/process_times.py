@@ -1,8 +1,9 @@
 """Wall-clock, user and system time of this process.
 
-Every benchmark prints system time beside user time: most of it is for new memory, which can take
-many times as long where the host has taken its memory back. Linux divides CPU time into the two by
-samples that are milliseconds apart: the sum is exact, but parts as short as that are not.
+Benchmarks of memory-bound work print system time beside user time: most of it is for new memory,
+which can take many times as long where the host has taken its memory back. Linux divides CPU time
+into the two by samples that are milliseconds apart: the sum is exact, but parts as short as that
+are not.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python benchmarks/scene_preview.py SCENE T_S FILE.png [SIDE_PX]
 
-It divides the radiance by the scene's white level, compresses brighter values, and applies the sRGB
-curve. It renders at 1280 px or more and box-filters to SIDE_PX (default 512).
+It divides the radiance by the picture's own 99th percentile, compresses values above 0.8 of it, and
+applies the sRGB curve. It renders at 1280 px or more and box-filters to SIDE_PX (default 512).
 """
 
 from __future__ import annotations

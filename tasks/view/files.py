@@ -19,6 +19,7 @@ _ENCODERS = ("libx264", "libopenh264")  # for H.264, the best first
 _PALETTE_PICTURES = 5  # first pictures, which determine the palette of a GIF
 _WEBP_QUALITY = 60
 _TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of ticks
+_LEAST_TICKS = {".gif": 2, ".webp": 11}  # browsers play shorter pictures ten times slower
 
 
 def possible_fps(kind: str, fps: float) -> float:
@@ -37,7 +38,7 @@ def possible_fps(kind: str, fps: float) -> float:
     """
     if kind not in _TICKS_HZ:
         return fps
-    return _TICKS_HZ[kind] / max(1, round(_TICKS_HZ[kind] / fps))
+    return _TICKS_HZ[kind] / max(_LEAST_TICKS[kind], round(_TICKS_HZ[kind] / fps))
 
 
 def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:

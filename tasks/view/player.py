@@ -29,6 +29,8 @@ MOST_EVENTS = 2_000_000
 """Largest number of events of a page, all files together; of more, every second, third, ... is
 kept."""
 
+_WINDOWS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # to choose from
+
 _TEMPLATES = Environment(
     loader=PackageLoader("tasks.view"),
     autoescape=True,
@@ -115,6 +117,7 @@ def write_player(
         title=", ".join(source.path.name for source in sources),
         panels=[{"title": one.title, "width": one.width, "height": one.height} for one in packed],
         every=every,
+        windows_ms=sorted({*_WINDOWS_MS, window_ms}),
         events={
             "start_us": span_us[0],
             "duration_us": span_us[1] - span_us[0],

@@ -157,7 +157,10 @@ def test_the_paper_is_shown_only_next_to_sensors_without_a_bus() -> None:
     """Promise: methods that get what a bus leaves are not those of the paper."""
     rows = [replace(row, bus_mev_s=1.0, dropped=0.99) for row in grid()]
     assert not Scores(rows).asks_as_paper
-    assert [column.head for column in comparison_table(Scores(rows), EI).columns] == ["ours", "M/s"]
+    assert [column.head for column in comparison_table(Scores(rows), EI).columns] == [
+        "ours",
+        "M/s",
+    ]
 
 
 def test_flow_at_a_factor_follows_speeds_in_m_per_s() -> None:

@@ -114,7 +114,7 @@ def test_the_recommended_resolution_is_answered_for_each_threshold() -> None:
 def test_the_section_has_every_score_and_event_rate() -> None:
     """1280 px ideal: 24.09 dB at 0.2, and 1 dB more for twice the events at 0.1."""
     content = threshold_html(by_threshold(several(usual_rows())), EI)
-    for place in ("25.09 <small>328 M/s", "24.09 <small>164 M/s", "21.09 <small>81.9 M/s"):
+    for place in ("25.09 <small>328 Mev/s", "24.09 <small>164 Mev/s", "21.09 <small>81.9 Mev/s"):
         assert place in content
     curves, *_ = compare_thresholds(by_threshold(several(usual_rows())), EI, 1e9)["carpet"]
     assert points_of(curves) == [len(WIDTHS) * 3] * len(CUTOFFS_HZ)
@@ -162,7 +162,7 @@ def test_failures_are_told_beside_the_scores() -> None:
     ]
     ideal = [r for r in rows if r.cutoff_hz == float("inf")]
     content = threshold_html(by_threshold(several(ideal)), EPF)
-    assert re.findall(r"M/s, (\d+)\u202f% fail", content) == ["14"] * 3
+    assert re.findall(r"Mev/s, (\d+)\u202f% fail", content) == ["14"] * 3
 
 
 def test_errors_that_span_decades_get_a_logarithmic_axis() -> None:

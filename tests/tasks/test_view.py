@@ -582,11 +582,14 @@ def test_the_page_plays_events(eres, tmp_path, chromium):
     t_us = [0, 4000, 5000, 9000, 20000, 20000]
     events = make_events(t_us, [0, 1, 2, 3, 4, 4], [0] * 6, [1, 0, 1, 1, 1, 1], 8, 6)
     write_events(file, events)
-    assert eres("view", file, "--out", out, "--window", 5)[0] == 0
+    assert eres("view", file, "--out", out, "--window", 3)[0] == 0
     page = chromium.new_page()
     complaints = watched(page)
     page.goto(out.as_uri())
     page.wait_for_selector("html[data-ready]")
+    assert page.locator("#window").input_value() == "3.0"  # which is no usual choice
+    page.locator("#window").select_option("5")
+    page.locator("#time").fill("5000")
     none, blue, red = (
         list(COLORS.ground),
         mixed(COLORS.brighter, COLORS.ground, 0.65),

@@ -256,10 +256,11 @@ def width_keys(
 
 def _log_ticks(low: float, high: float) -> list[list[Tick]]:
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    finest = tuple(round(0.1 * k, 1) for k in range(10, 100))  # for a range of less than an octave
     fine, usual = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 5)
     return [
         [(m * 10.0**d, f"{m * 10.0**d:g}" if m in named else "") for d in decades for m in marks]
-        for marks, named in ((fine, fine), (usual, usual), (usual, (1,)))
+        for marks, named in ((finest, finest), (fine, fine), (usual, usual), (usual, (1,)))
     ]
 
 

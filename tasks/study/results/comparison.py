@@ -20,6 +20,8 @@ from tasks.study.results.words import (
     share_text,
 )
 
+_NATIVE, _RATE = "native px", "M/s"  # heads of columns
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -109,7 +111,10 @@ class ComparisonTable:
         if self.asks_as_paper and self.contrast_threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
         share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
-        last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
+        notes = [f"{share.head}: {share.meaning}"] if share else []
+        if metric.reference_width_px is not None:
+            notes.append(f"{_NATIVE}: pixels of the sensor")
+        last = "; ".join([*notes, f"{_RATE}: million events per second"])
         return (
             f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
             f"it; struck out: no better than doing nothing; {last}; "
@@ -124,10 +129,10 @@ class ComparisonTable:
         if self.source is not None:
             columns += [Column("paper", "paper", _paper), Column("Δ", "difference", _difference)]
         if TASKS[self.series.task].metric.reference_width_px is not None:
-            columns.append(Column("native px", "rate", _native, in_terminal=False))
+            columns.append(Column(_NATIVE, "rate", _native, in_terminal=False))
         if share is not None:
             columns.append(Column(share.head, "rate", _share))
-        return [*columns, Column("M/s", "rate", _rate, in_terminal=share is None)]
+        return [*columns, Column(_RATE, "rate", _rate, in_terminal=share is None)]
 
 
 def main_tables(scores: Scores) -> list[ComparisonTable]:

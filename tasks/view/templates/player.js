@@ -55,7 +55,7 @@ class Panel {
     this.frames = frames;
     this.every = source.every;
     this.width = source.width;
-    this.rate = figure.querySelector("output");
+    this.rate = figure.querySelector(".rate");
     this.canvas = figure.querySelector("canvas");
     this.brush = this.canvas.getContext("2d");
     this.layer = new OffscreenCanvas(source.width, source.height).getContext("2d");
@@ -124,7 +124,6 @@ class Player {
       this.restart(true);
     }
     controls.play.textContent = this.playing ? "Pause" : "Play";
-    controls.play.ariaPressed = String(Boolean(this.playing));
   }
 
   // Time runs from here; each picture is drawn at the time at which it is shown.
@@ -171,4 +170,6 @@ Promise.all(loaded).then((parts) => {
   const figures = [...document.querySelectorAll("figure")];
   new Player(figures.map((figure, k) => new Panel(figure, data.sources[k], ...parts[k])));
   document.documentElement.dataset.ready = "true";
+}).catch((error) => {
+  byId("clock").textContent = `This browser cannot play the page: ${error.message}`;
 });

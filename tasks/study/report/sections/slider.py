@@ -89,7 +89,10 @@ def _series(scores: Scores, task: str, method: str) -> list[Series]:
 
 def _measured(scores: Scores, series: Series) -> bool:
     of_slider = set(_WIDTHS) & set(scores.widths(series))
-    return bool(of_slider and set(PRINTS) & set(scores.scenes(series)))
+    at_its_speeds = {factor for _, factor in _speeds()} & {
+        round(speed, 9) for speed in scores.speeds(series)
+    }
+    return bool(of_slider and at_its_speeds and set(PRINTS) & set(scores.scenes(series)))
 
 
 def _speeds() -> Iterator[tuple[float, float]]:

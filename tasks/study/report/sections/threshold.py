@@ -94,5 +94,5 @@ def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed:
 def _score(scores: Scores, series: Series, where: Condition) -> Text:
     cell, text = scores.cell(series, where), score_text(scores, series, where)
     failed = f", {share_text(cell.failure_share)} fail" if cell.failed.any() else ""
-    rate = f"{rate_label(cell.event_rate_hz)} M/s{failed}"
+    rate = f"{rate_label(cell.event_rate_hz)} Mev/s{failed}"
     return text if cell.median is None else text._replace(small=rate)

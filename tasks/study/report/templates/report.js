@@ -89,7 +89,8 @@ class Plot {
     const up = (at) => BOTTOM - ((at - yDomain[0]) / (yDomain[1] - yDomain[0])) * (BOTTOM - TOP);
     const x = (value) => across(scaled(xAxis, value)), y = (value) => up(scaled(yAxis, value));
     const dashed = panel.references.length ? `Dashed line: ${panel.reference_label}. ` : "";
-    const shaded = limit ? `Shaded: beyond the ${limit.label}. ` : "";
+    const isBeyond = limit && x(limit.x) < right;
+    const shaded = isBeyond ? `Shaded: beyond the ${limit.label}. ` : "";
     const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}${shaded}Arrow keys move from point to point.`;
     const root = svg(null, "svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group", "aria-label": label });
     const line = (kind, x1, x2, y1, y2, opacity = 1) => svg(root, "line", { class: kind, x1, x2, y1, y2, "stroke-opacity": opacity });
@@ -111,7 +112,7 @@ class Plot {
       line("baseline", right - 30, right - 6, at, at);
       text(panel.reference_label, right - 36, at + 4, "end").setAttribute("class", "halo");
     }
-    if (limit && x(limit.x) < right) {
+    if (isBeyond) {
       const from = Math.max(x(limit.x), LEFT), upright = `translate(${from - 4} ${below ? TOP + 22 : BOTTOM - 22}) rotate(-90)`;
       svg(root, "rect", { class: "beyond", x: from, y: TOP, width: right - from, height: BOTTOM - TOP });
       line("limit", from, from, TOP, BOTTOM);
@@ -174,6 +175,7 @@ class Plot {
       place.mark.addEventListener("blur", () => show());
     });
     root.addEventListener("keydown", (event) => {
+      if (event.altKey || event.ctrlKey || event.metaKey) return; // those of the browser
       const next = (one.stop + 1) % places.length, before = one.stop - 1; // -1 is the last
       const to = { ArrowRight: next, ArrowDown: before, ArrowUp: next, ArrowLeft: before, Home: 0, End: -1 }[event.key];
       if (event.key === "Escape") show();
