@@ -127,6 +127,19 @@ def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
     assert [row[0] for row in without_seconds[0]] == ["step", "2", "4"]
 
 
+@pytest.mark.slow
+def test_an_interrupted_training_of_flow_ends_with_the_same_weights(tmp_path):
+    """Promise: means of batch normalization and the schedule continue too."""
+    schedule = replace(TINY_FLOW.schedule, steps=3, checkpoint_minutes=1e-9)
+    settings = replace(TINY_FLOW, schedule=schedule)
+    trained(tmp_path / "whole", settings=settings)
+    stopped(tmp_path / "parts", 2, settings=settings)
+    trained(tmp_path / "parts", settings=settings)
+    whole, parts = (weights_of(tmp_path / name)["weights"] for name in ("whole", "parts"))
+    for name, tensor in whole.items():
+        assert torch.equal(parts[name], tensor), name
+
+
 def made_with(folder):
     return json.loads((folder / "training.json").read_text())["made_with"]
 
@@ -138,7 +151,7 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
     with caplog.at_level(logging.WARNING):
         stopped(tmp_path, 0, code="git zero")
         stopped(tmp_path, 1, code="git one")
-        assert made_with(tmp_path) == {"code": "git one"}
+        assert made_with(tmp_path) == {"code": "git one", "device": "cpu"}
         stopped(tmp_path, 2, code="git one")
         assert caplog.text == ""
         stopped(tmp_path, 3, code="git two")
@@ -147,7 +160,7 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
         trained(tmp_path, code="git two")
         trained(tmp_path, code="git three")
         assert caplog.text == ""
-    assert made_with(tmp_path) == {"code": "git one; git two"}
+    assert made_with(tmp_path) == {"code": "git one; git two", "device": "cpu"}
     code, out, _ = eres("train", "card", tmp_path)
     assert code == 0
     assert "code git one; git two" in out
