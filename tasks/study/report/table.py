@@ -67,8 +67,3 @@ def score_text(scores: Scores, series: Series, where: Condition) -> Text:
         return Text(MISSING)
     idle = beats(cell, scores.baseline(series, where), series) is False
     return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
-
-
-def width_texts(widths: Sequence[int]) -> list[Text]:
-    """Return the names of sensor widths."""
-    return [Text(f"{width} px") for width in widths]

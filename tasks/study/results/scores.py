@@ -230,6 +230,10 @@ class Scores:
                 )
         return {key: sorted(items) for key, items in found.items()}
 
+    def sensor_label(self, width: int) -> str:
+        """Return the name of the sensor of a width, or the width, px."""
+        return self.sensor_names.get(width, f"{width} px")
+
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
         return [series for series in self._rows if series.method != TASKS[series.task].baseline]

@@ -6,7 +6,7 @@ import numpy as np
 
 from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, width_keys
-from tasks.study.report.table import Table, Text, cutoff_text, width_texts
+from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import TRACKING, sweep
@@ -56,7 +56,7 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
         for hz in scores.cutoffs_hz(found[0])
     }
     caption = f"{scene}: share of successful trials, and median error of all trials"
-    heads = [Text(""), *width_texts(widths)]
+    heads = [Text(""), *(Text(scores.sensor_label(width)) for width in widths)]
     return Table(caption, heads, blocks)
 
 
@@ -88,7 +88,11 @@ def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
 def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: float) -> Line:
     shares = {one: _pooled_success(scores, one, width, cutoff_hz) for one in found}
     points = [
-        Point(x, 100 * share, [f"{width} px", one.variant, f"{share_text(share)} succeed"])
+        Point(
+            x,
+            100 * share,
+            [scores.sensor_label(width), one.variant, f"{share_text(share)} succeed"],
+        )
         for one, share in shares.items()
         if share is not None and (x := sigma_mm(one.variant)) is not None
     ]

@@ -47,13 +47,14 @@ class Answer:
     kind
         "", "struck" (doing nothing is as good) or "over" (more events than the bus carries).
     tied
-        Smaller width that the samples do not separate from the best, px; None if there is none.
+        Smaller sensor that the samples do not separate from the best, as in `Shown`; None if there
+        is none.
     """
 
     where: str
     shown: Sequence[Shown]
     kind: str = ""
-    tied: int | None = None
+    tied: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,4 +151,7 @@ def _answer(
         for bus_hz, width in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > own_hz
-    return Answer(where, [usual, *on_buses], "over" if over else "", choice.tied)
+    tied = None
+    if choice.tied is not None:
+        tied = run.scores.sensor_names.get(choice.tied, str(choice.tied))
+    return Answer(where, [usual, *on_buses], "over" if over else "", tied)

@@ -64,7 +64,7 @@ def _compare(
         panels.append(Panel(*light[:2], [Line([*filter(None, of_one)]) for of_one in points]))
         choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
         blocks[light] = {
-            Text(f"{at.width} px"): [_score(scores, series, at) for scores in ascending]
+            Text(first.sensor_label(at.width)): [_score(scores, series, at) for scores in ascending]
             for at in where
         }
     heads = [
@@ -88,7 +88,7 @@ def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed:
     if choice is None:
         return Text(MISSING, "samples are missing")
     tied = f"tied {choice.tied}" if choice.tied else ""
-    return Text(f"{choice.enough} px", tied, "" if choice.worthwhile else "struck")
+    return Text(scores.sensor_label(choice.enough), tied, "" if choice.worthwhile else "struck")
 
 
 def _score(scores: Scores, series: Series, where: Condition) -> Text:

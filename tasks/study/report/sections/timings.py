@@ -8,7 +8,7 @@ import numpy as np
 
 from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.registry import TASKS
-from tasks.study.report.table import Table, Text, width_texts
+from tasks.study.report.table import Table, Text
 from tasks.study.results.metrics import Series
 from tasks.study.results.words import MISSING
 
@@ -66,7 +66,12 @@ def method_table(costs: Sequence[JobTimings]) -> Table:
         ]
         for series, every in found.items()
     }
-    heads = [Text("method"), *width_texts(widths), Text("estimates"), Text("total")]
+    heads = [
+        Text("method"),
+        *(Text(f"{width} px") for width in widths),
+        Text("estimates"),
+        Text("total"),
+    ]
     return Table("Time of an estimate, by sensor", heads, {Text(""): rows}, "costs")
 
 

@@ -128,7 +128,7 @@ def score_point(
     metric = TASKS[series.task].metric
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
-        scores.sensor_names.get(where.width, f"{where.width} px"),
+        scores.sensor_label(where.width),
         f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
