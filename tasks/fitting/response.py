@@ -83,6 +83,32 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     TaskError
         There are fewer than two steps, or too few events after them, or too few different times.
     """
+    answers = _answers(events, rises_us)
+    order, cutoff, latency = _estimates(answers)
+    first = np.full(len(answers.tile) * answers.steps, np.inf)
+    trial = answers.place * answers.steps + answers.step
+    np.minimum.at(first, trial, answers.since_us * 1e-6)
+    early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
+    return Response(
+        photoreceptor="two_pole" if order == 2 else "one_pole",
+        cutoff_hz=cutoff,
+        latency_s=latency,
+        first_event_s=(float(early[0]), float(early[1]), float(early[2])),
+        steps=answers.steps,
+    )
+
+
+class _Answers(NamedTuple):
+    """ON events of the pixels that see the lamp."""
+
+    since_us: NDArray[np.int64]  # (N,) time since the step
+    step: NDArray[np.int64]  # (N,) number of the step
+    place: NDArray[np.int64]  # (N,) number of the pixel
+    tile: NDArray[np.int64]  # (P,) number of the tile of each pixel, or of the pixel
+    steps: int
+
+
+def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     if len(rises_us) < _LEAST_STEPS or np.any(np.diff(rises_us) <= 0):
         raise TaskError(
             f"steps: found {len(rises_us)} times, expected at least {_LEAST_STEPS}, increasing"
@@ -106,21 +132,26 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     _, tile = np.unique(tile, return_inverse=True)
     if tile.max() + 1 < _LEAST_TILES:
         tile = np.arange(len(answering))
+    return _Answers(since_us, step, place, tile, len(rises_us))
+
+
+def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
+    """Return the number of poles, their cutoff and the latency."""
+    since_us, tile = answers.since_us, answers.tile
     edges_us = np.unique(np.quantile(since_us, np.linspace(0, _TAIL, 4 * _POINTS)).round())
     tiles = int(tile.max()) + 1
     bins = np.searchsorted(edges_us, since_us, side="right")
     counted = np.zeros((tiles, len(edges_us) + 1))
-    np.add.at(counted, (tile[place], bins), 1.0)
+    np.add.at(counted, (tile[answers.place], bins), 1.0)
     pixels = np.bincount(tile, minlength=tiles).astype(np.float64)
     curve = _Curve(edges_us * 1e-6)
 
     def mean_events(weights: NDArray[np.float64]) -> NDArray[np.float64]:
         until: NDArray[np.float64] = np.cumsum(weights @ counted)[: len(edges_us)]
-        return until / (weights @ pixels * len(rises_us))
+        return until / (weights @ pixels * answers.steps)
 
     whole = mean_events(np.ones(tiles))
-    points = curve.points(whole, _FROM + 0.5)
-    if points < _LEAST_POINTS:
+    if (points := int(np.sum(whole >= _FROM + 0.5))) < _LEAST_POINTS:
         raise TaskError(
             f"steps: found {points} different times at which the events after a step come, "
             f"expected at least {_LEAST_POINTS}: finer times, or a light that rises more slowly"
@@ -136,7 +167,7 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
     curves = [mean_events(weights) for weights in draws]
     # Tiles with little light may be drawn alone.
-    curves = [one for one in curves if curve.points(one, _FROM) >= _LEAST_POINTS]
+    curves = [one for one in curves if np.sum(one >= _FROM) >= _LEAST_POINTS]
     if len(curves) < _DRAWS / 2:
         raise TaskError("steps: found too few pixels with several ON events after a step")
     drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])
@@ -148,16 +179,7 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
         )
         for k in range(2)
     )
-    first = np.full(trials, np.inf)
-    np.minimum.at(first, place * len(rises_us) + step, since_us * 1e-6)
-    early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
-    return Response(
-        photoreceptor="two_pole" if order == 2 else "one_pole",
-        cutoff_hz=cutoff,
-        latency_s=latency,
-        first_event_s=(float(early[0]), float(early[1]), float(early[2])),
-        steps=len(rises_us),
-    )
+    return order, cutoff, latency
 
 
 def _sees_the_lamp(
@@ -181,10 +203,6 @@ class _Curve:
 
     def __init__(self, t_s: NDArray[np.float64]) -> None:
         self._t_s = t_s
-
-    def points(self, events: NDArray[np.float64], least: float) -> int:
-        """Return the number of points of the curve from `least` events on."""
-        return int(np.count_nonzero(events >= least))
 
     def fit(
         self,
