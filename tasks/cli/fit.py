@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
@@ -12,6 +12,9 @@ from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import NO_FRAMES, FrameOptions
+
+if TYPE_CHECKING:
+    from tasks.fitting.fit import Found
 
 
 def fit(
@@ -65,7 +68,6 @@ def fit(
     from tasks.events.overwriting import check_new
     from tasks.fitting.fit import Evidence
     from tasks.fitting.fit import fit as fit_recording
-    from tasks.fitting.motion import NOISY
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
     from tasks.recording.clock import on_one_clock
@@ -113,6 +115,16 @@ def fit(
         for one in found.sweep:
             sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
+    _print_remarks(found)
+    for note in notes:
+        terminal.out.print(note, soft_wrap=True, highlight=False)
+    terminal.out.print(f"{out}: {len(fields)} fields", soft_wrap=True)
+
+
+def _print_remarks(found: Found) -> None:
+    """Print what the fields of the profile do not say."""
+    from tasks.fitting.motion import NOISY
+
     if found.thresholds is not None:
         terminal.out.print(found.sentence(), soft_wrap=True)
     if found.thresholds is not None and found.thresholds.unexplained > NOISY:
@@ -135,6 +147,3 @@ def fit(
             f"{early:.4g} to {late:.4g} us",
             soft_wrap=True,
         )
-    for note in notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(f"{out}: {len(fields)} fields", soft_wrap=True)
