@@ -100,14 +100,15 @@ def main() -> None:
             runs[kind].append(times_now() - start)
     best = {kind: min(measured) for kind, measured in runs.items()}
 
-    print(f"{size}x{size} px, {args.frames} frames, minimum of {args.runs}")
+    print(f"{size}x{size} px, up to {args.frames} frames, minimum of {args.runs}")
     print(
         "scene      setting    threads  Mpx-frames/s  user ns  sys ns  Mev/s  ev/px/frame  of "
         "numpy's"
     )
     for (scene, setting, threads), (seconds, user_s, system_s) in best.items():
-        work = size * size * (args.frames - 1)
-        numpy_rate = size * size * args.frames / best[scene, "numpy log", 1][0]
+        count = len(scenes[scene][1])
+        work = size * size * (count - 1)
+        numpy_rate = size * size * count / best[scene, "numpy log", 1][0]
         print(
             f"{scene:10} {setting:10} {threads:7} {work / seconds / 1e6:13.1f} "
             f"{user_s / work * 1e9:8.2f} {system_s / work * 1e9:7.2f} "

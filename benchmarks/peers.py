@@ -160,15 +160,17 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
     args = parser.parse_args()
     logging.disable(logging.WARNING)  # v2e writes one for each frame
-    work = args.size**2 * (args.frames - 1)
+    most = args.size**2 * (args.frames - 1)  # pixel-frames
     simulators: dict[str, Simulator] = {"stream": run_stream, "simulate": run_simulate}
     for module, make in PEERS.items():
         if importlib.util.find_spec(module):
-            simulators |= make(3 * work)
+            simulators |= make(3 * most)
         else:
             print(f"no module {module}; the top of this file says where it is")
 
-    print(f"{args.size}x{args.size} px, {args.frames} frames, one thread, least of {args.runs}")
+    print(
+        f"{args.size}x{args.size} px, up to {args.frames} frames, one thread, least of {args.runs}"
+    )
     print(
         "scene       filter  simulator        Mpx-frames/s  CPU ns  sys ns  of stream's"
         "  ev/px/frame"
@@ -177,6 +179,7 @@ def main() -> None:
         # 8-bit values for the peers; a logarithm has the same differences at any scale.
         frames = moving_texture(args.size, args.frames, shift_px)
         frames *= 255 / frames.max()
+        work = args.size**2 * (len(frames) - 1)
         t_us = np.arange(1, len(frames) + 1) * _INTERVAL_US[scene]
         for cutoff_hz in (math.inf, 200.0):
             able = {

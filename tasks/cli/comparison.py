@@ -6,7 +6,7 @@ import rich.console
 from rich.text import Text
 
 from tasks.cli.table import Table
-from tasks.study.results.comparison import Block, ComparisonTable, line_label
+from tasks.study.results.comparison import Block, Column, ComparisonTable, line_label
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_label, speed_label
 
 
@@ -28,13 +28,18 @@ def to_rich(table: ComparisonTable, base: BaseSpeeds = PACKAGED) -> rich.console
     for block in table.blocks:
         parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed, base)}", "italic")]
         parts += [_rich_block(block, table)]
-    return rich.console.Group(*parts, Text(f"\n{table.footnote}", "dim"))
+    note = table.footnote(_columns(table))
+    return rich.console.Group(*parts, Text(f"\n{note}", "dim"))
+
+
+def _columns(table: ComparisonTable) -> list[Column]:
+    return [column for column in table.columns if column.in_terminal]
 
 
 def _rich_block(block: Block, table: ComparisonTable) -> Table:
     shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
-    columns = [column for column in table.columns if column.in_terminal]
+    columns = _columns(table)
     for cutoff_hz in table.cutoffs_hz:
         for column in columns:
             head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head

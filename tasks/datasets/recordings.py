@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile, is_zipfile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -131,10 +131,11 @@ def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> boo
 def _has_events(path: Path) -> bool:
     """Return whether a text file or an archive of arrays holds events, as far as can be told."""
     if path.suffix.lower() == ".npz":
-        if not is_zipfile(path):  # damaged
+        try:
+            with ZipFile(path) as archive:
+                return "t_us.npy" in archive.namelist()
+        except BadZipFile:  # damaged
             return True
-        with ZipFile(path) as archive:
-            return "t_us.npy" in archive.namelist()
     for unit in (None, "us"):  # whole times may be in any unit
         with suppress(EventFormatError):
             size = None if read_header(path).width is not None else _ANY_SIZE

@@ -58,14 +58,14 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     Only pixels that see the lamp are used: those with at least one ON event per step on average in
     the first half of the time between steps, and at most a quarter as many in the second; other
     pixels fire at any time. The mean number of ON events of a pixel until a time t after the step
-    is A g(a (t - latency)) - B, where g is the step response of one pole, 1 - e^{-y}, or of two,
-    1 - (1 + y) e^{-y}; A is the step in thresholds, and B the part of it that the memories of the
-    pixels absorb. Least squares finds A, B, a and the
-    latency, from the first event of the mean pixel on. With one pole, a delay looks like another B,
-    so B is fixed: at 1, for equal thresholds, and at 3/4 and 5/4 for the interval. One and two
-    poles are compared with B at 1. The interval is that of a bootstrap over tiles of pixels, of
-    pixels if the lamp is in fewer than eight tiles, widened by the change of the estimate if the
-    fit begins half an event later, and by that with another B.
+    is A g(a (t - latency)) - B, where g is the step response of one pole, 1 - e^{-y}, or of two, 1
+    - (1 + y) e^{-y}; A is the step in thresholds, and B the part of it that the memories of the
+    pixels absorb. Least squares finds A, B, a and the latency, from the first event of the mean
+    pixel on. With one pole, a delay looks like another B, so B is fixed: at 1, for equal
+    thresholds, and at 3/4 and 5/4 for the interval. One and two poles are compared with B at 1. The
+    interval is that of a bootstrap over tiles of pixels, of pixels if the lamp is in fewer than
+    eight tiles, widened by the change of the estimate if the fit begins half an event later, and by
+    that with another B.
 
     Parameters
     ----------
@@ -120,6 +120,11 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
     lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
+    if len(lit) and not lit.any():
+        raise TaskError(
+            "steps: found no pixel that fires after a step and falls silent before the next, "
+            "expected larger steps of the light, farther apart, or other times"
+        )
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)

@@ -85,7 +85,7 @@ def test_the_smallest_sensor_that_is_as_good_is_underlined() -> None:
     assert [one.enough for one in entries] == [False, True, False]
     assert [one.paper_enough for one in entries] == [False, False, True]
     assert re.findall(r"<u>([^<]*)</u>", comparison_html(table)) == ["19.91", "24.09"]
-    assert "underlined: the smallest within 0.1 dB of it" in table.footnote
+    assert "underlined: the smallest within 0.1 dB of it" in table.footnote(table.columns)
     idle = [replace(r, method="no_events", value=19.95, event_rate_hz=0.0) for r in rows]
     lines = comparison_table(Scores(rows + idle), EI).blocks[0].lines
     assert not any(entry.enough for line in lines for entry in line.entries)
@@ -150,7 +150,9 @@ def test_the_paper_is_shown_only_next_to_its_own_sensors(change: dict, shown: bo
     assert heads == (["ours", "paper", "Δ", "M/s"] if shown else ["ours", "M/s"])
     assert ("paper" in terminal_text(rows)) is shown
     assert ('class="paper"' in comparison_html(table)) is shown
-    assert table.footnote.startswith("paper: its Table 6" if shown else "bold: best of")
+    assert table.footnote(table.columns).startswith(
+        "paper: its Table 6" if shown else "bold: best of"
+    )
 
 
 def test_the_paper_is_shown_only_next_to_sensors_without_a_bus() -> None:

@@ -274,7 +274,7 @@ def test_another_threshold_has_no_numbers_of_the_paper() -> None:
     """At 0.4 alone no comparison is possible: the page has no column of the paper, and says so."""
     (scores,) = by_threshold(several(usual_rows(), (0.4,)))
     table = comparison_table(scores, EI)
-    assert "not in the paper at a contrast threshold of 0.4" in table.footnote
+    assert "not in the paper at a contrast threshold of 0.4" in table.footnote(table.columns)
     entries = [e for block in table.blocks for line in block.lines for e in line.entries]
     assert all(entry.paper is None for entry in entries)
     assert "paper" not in repr(tradeoff_plots(scores, EI, 1e9))

@@ -391,6 +391,14 @@ def test_draws_of_dim_pixels_alone_are_left_out():
         fit_response(lamp.where(is_first | (lamp.y + lamp.x == 0)), rises_us)
 
 
+def test_steps_too_close_for_pixels_to_settle_are_refused():
+    """Promise: the error says that pixels were left out for firing on, not that events lack."""
+    events, rises_us = flashes(200.0, 2e-4)
+    half_later_us = rises_us - int(np.diff(rises_us).min()) * 2 // 3
+    with pytest.raises(TaskError, match="steps: found no pixel that fires after a step and falls"):
+        fit_response(events, half_later_us)
+
+
 def test_events_at_too_few_times_are_refused():
     """Promise: a clock too coarse for a curve is an error in one line."""
     events, rises_us = flashes(200.0, 2e-4)

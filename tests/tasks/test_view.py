@@ -33,6 +33,7 @@ from tasks.view.drawing import (
     tone_mapped,
 )
 from tasks.view.event_file import EventSource
+from tasks.view.files import possible_fps
 from tasks.view.layout import Layout
 from tasks.view.panel import Panel
 from tasks.view.player_frames import pack_frames
@@ -236,6 +237,12 @@ def test_a_file_of_one_event_shows_it(eres, tmp_path):
     picture = np.asarray(Image.open(out))[90, [90, 270, 450]].tolist()
     ground = list(COLORS.ground)
     assert picture == [ground, mixed(COLORS.brighter, COLORS.ground, 0.65), ground]
+
+
+def test_no_picture_is_shorter_than_browsers_show():
+    """Promise: of shorter ones they make 100 ms, ten times too long."""
+    found = [possible_fps(kind, 300) for kind in (".gif", ".webp", ".mp4")]
+    assert found == [50, pytest.approx(90.9, abs=0.1), 300]
 
 
 @pytest.mark.parametrize(("kind", "fps"), [(".gif", 30), (".gif", 300), (".webp", 60)])

@@ -135,7 +135,7 @@ def check_machine(problem: Problem, device: str | None) -> None:
         There is not enough memory, or no such device.
     """
     needed, there, what = problem.memory_bytes(), memory_bytes(), "machine"
-    if device_of(device).type == "cuda":
+    if device_of(device).type == "cuda":  # which holds the network and all it computes
         there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
     if needed > there:
         raise TrainingError(

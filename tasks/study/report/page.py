@@ -128,7 +128,8 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     figures = run.folder / "figures"
-    ours = {m for task in TASKS.values() for m in task.methods}  # the run may no longer have some
+    # Of our methods, the run may no longer have some; a file of another name may be the user's.
+    ours = {m for task in TASKS.values() for m in task.methods}
     stale = {figures / f"tradeoff_{name}.{kind}" for name in ours for kind in ("png", "svg")}
     for series in filter(is_main, run.series):
         plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)

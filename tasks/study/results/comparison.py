@@ -103,21 +103,21 @@ class ComparisonTable:
         speeds = [block.speed for block in self.blocks]
         return source(self.series.task, self.series.method, speeds) if found else None
 
-    @property
-    def footnote(self) -> str:
-        """Return the explanation of columns and marks."""
+    def footnote(self, columns: Iterable[Column]) -> str:
+        """Return the explanation of the columns that are shown, and of marks."""
         label = self.source
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.asks_as_paper and self.contrast_threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
         share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
-        notes = [f"{share.head}: {share.meaning}"] if share else []
-        if metric.reference_width_px is not None:
-            notes.append(f"{_NATIVE}: pixels of the sensor")
-        last = "; ".join([*notes, f"{_RATE}: million events per second"])
+        meanings = {_NATIVE: "pixels of the sensor", _RATE: "million events per second"}
+        if share is not None:
+            meanings[share.head] = share.meaning
+        heads = [column.head for column in columns]
+        notes = "".join(f"{head}: {meanings[head]}; " for head in heads if head in meanings)
         return (
             f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
-            f"it; struck out: no better than doing nothing; {last}; "
+            f"it; struck out: no better than doing nothing; {notes}"
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )
 
