@@ -155,7 +155,7 @@ def model_from_json(text: str) -> SensorModel:
         allowed = typing.get_args(kinds[name]) or (kinds[name],)
         if value == "inf" and float in allowed:
             table[name] = math.inf
-        elif type(value) not in (*allowed, *((int,) if float in allowed else ())):
+        elif type(value) not in allowed and not (type(value) is int and float in allowed):
             expected = " or ".join("null" if k is type(None) else k.__name__ for k in allowed)
             raise EventFormatError(f"sensor_model.{name}: found {value!r}, expected {expected}")
     try:

@@ -127,13 +127,13 @@ def _print_remarks(found: Found) -> None:
 
     if found.thresholds is not None:
         terminal.out.print(found.sentence(), soft_wrap=True)
-    if found.thresholds is not None and found.thresholds.unexplained > NOISY:
-        terminal.out.print(
-            f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
-            "light unexplained, and may be too low by as much: between frames it changes more than "
-            "they show; more frames, or slower motion, help",
-            soft_wrap=True,
-        )
+        if found.thresholds.unexplained > NOISY:
+            terminal.out.print(
+                f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of "
+                "the light unexplained, and may be too low by as much: between frames it changes "
+                "more than they show; more frames, or slower motion, help",
+                soft_wrap=True,
+            )
     if found.motion is not None:
         terminal.out.print(
             f"delay of slow changes: {found.motion.delay_s} s; "

@@ -20,6 +20,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 from eres_render.storage.exr import read_channels
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
+from tasks.footage.frame_size import check_size
 
 _TIMES = "timestamps.txt"
 _KINDS = {
@@ -213,11 +214,7 @@ def read_images(files: list[Path]) -> Iterator[NDArray[np.generic]]:
     for file in files:
         image = _read(file)
         shape = shape or image.shape[:2]
-        if image.shape[:2] != shape:
-            raise TaskError(
-                f"{file}: found {image.shape[1]}x{image.shape[0]} px, expected {shape[1]}x"
-                f"{shape[0]} px, as in {files[0].name}"
-            )
+        check_size(image, shape, file, f"as in {files[0].name}")
         yield image
 
 

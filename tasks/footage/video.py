@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.errors import TaskError
+from tasks.footage.frame_size import check_size
 
 _RIGHT_ANGLE = 1e-3  # largest deviation from a right angle, radians
 _HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the matrix of BT.709
@@ -112,11 +113,7 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
             if matrix is not None:
                 numbers = _turned(numbers, matrix, path)
             size = size or numbers.shape[:2]
-            if numbers.shape[:2] != size:
-                raise TaskError(
-                    f"{path}: frame {found}: found {numbers.shape[1]}x{numbers.shape[0]} px, "
-                    f"expected {size[1]}x{size[0]} px, as the first"
-                )
+            check_size(numbers, size, f"{path}: frame {found}", "as the first")
             yield numbers
     if found != count:
         raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")

@@ -134,12 +134,16 @@ def _answer(
         return Answer(where, [missing] * (1 + len(capacities_hz())))
     rates_hz = choice.event_rates_hz
 
+    def name(width: int) -> str:
+        return run.scores.sensor_names.get(width, str(width))
+
     def shown(width: int, bus_hz: float) -> Shown:
         share = rates_hz[width] / bus_hz
         of_bus = "<1" if share < 0.01 else round(100 * share)
         fineness = round(100 * widths.index(width) / max(len(widths) - 1, 1))
-        name = run.scores.sensor_names.get(width, str(width))
-        return Shown(*(name, f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%"))
+        return Shown(
+            *(name(width), f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%")
+        )
 
     own_hz = run.buses_hz[choice.enough]
     usual = shown(choice.enough, own_hz)
@@ -151,7 +155,5 @@ def _answer(
         for bus_hz, width in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > own_hz
-    tied = None
-    if choice.tied is not None:
-        tied = run.scores.sensor_names.get(choice.tied, str(choice.tied))
+    tied = None if choice.tied is None else name(choice.tied)
     return Answer(where, [usual, *on_buses], "over" if over else "", tied)
