@@ -143,13 +143,23 @@ def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres)
     assert 'id="photoreceptor"' in page
     assert 'id="photoreceptor"' not in lone
     assert "v2e&#39;s single pole" in page or "v2e's single pole" in page
-    assert "lead of 1280 over 640 px" in page
+    assert "lead of 1280 px over 640 px" in page
     (run / "study.json").write_text(json.dumps({"base_m_per_s": {"carpet": 3.0}}))
     (section,) = re.findall(r'<section id="photoreceptor".*?</section>', page_of(run), re.DOTALL)
     assert "day, 3 m/s" in section
     code, out, _ = eres("claims", run)
     assert code == 0
     assert "With v2e's single pole: " in out
+
+
+def test_sensors_have_their_names_in_the_section(tmp_path) -> None:
+    """Promise: leads and what is enough have the names of cameras, as the rest of the page."""
+    rows = [replace(row, sensor=f"cam {row.width}") for row in both_rows()]
+    page = page_of(make_run(tmp_path, rows))
+    (section,) = re.findall(r'<section id="photoreceptor".*?</section>', page, re.DOTALL)
+    assert "lead of cam 1280 over cam 640" in section
+    assert re.search(r"enough: cam \d+", section)
+    assert not re.search(r"\d px", section)
 
 
 def test_a_width_that_is_no_better_than_nothing_is_not_enough(tmp_path) -> None:

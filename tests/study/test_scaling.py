@@ -183,6 +183,15 @@ def test_sensors_with_other_cutoffs_in_the_same_light_share_a_plot() -> None:
     assert drawn == [5, 4, 4]  # in ideal light no cutoff is another
 
 
+def test_sensors_have_their_names_in_the_plot() -> None:
+    """Promise: keys and marks have the name of a camera, and the width of one without."""
+    shown = interval_plot(made(), names={128: "small camera"})
+    names = ["small camera", *(f"{width} px" for width in WIDTHS[1:])]
+    assert [key.name for key in shown.keys] == names
+    points = [point for panel in shown.panels for line in panel.lines for point in line.points]
+    assert {point.lines[0] for point in points} == {*names}
+
+
 def test_no_events_have_a_plot_without_peaks() -> None:
     """Promise: with a contrast threshold that nothing exceeds, the report is still written."""
     silent = [replace(one, counts=(0,) * len(one.counts)) for one in made().intervals]

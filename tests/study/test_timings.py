@@ -1,10 +1,11 @@
 """The costs of a run: stored for each job, reported as rates and times of an estimate."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import pytest
 
@@ -81,8 +82,9 @@ def test_times_of_stages_that_share_the_cores_add_up() -> None:
         assert sum(found.values()) == pytest.approx(waiting_s + 9.0)
 
 
-def costs_html(parts: list[JobTimings]) -> str:
-    return section("timings.html", run=SimpleNamespace(timings=parts))
+def costs_html(parts: list[JobTimings], names: Mapping[int, str] = MappingProxyType({})) -> str:
+    scores = SimpleNamespace(sensor_names=names)
+    return section("timings.html", run=SimpleNamespace(timings=parts, scores=scores))
 
 
 def cells(page: str) -> dict[str, list[str]]:
@@ -120,3 +122,11 @@ def test_rates_and_times_are_those_of_the_jobs() -> None:
     # 50 ms an estimate; 20 of them had 0.4 million events.
     assert table["optical flow by photometric flow"] == ["50 ms; 2.5 s / Mev", "60", "26 s"]
     assert "initial flow" not in "".join(table)
+
+
+def test_methods_have_a_column_for_each_camera_by_its_name() -> None:
+    """Promise: as in the rest of the page; a sensor without a name has its width."""
+    assert ">640 px<" in costs_html([JOB])
+    named = costs_html([JOB], {640: "my camera"})
+    assert ">my camera<" in named
+    assert ">640 px<" not in named

@@ -426,7 +426,7 @@ def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
     with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
         trained(tmp_path / "fast", settings=fast)
     monkeypatch.setattr(loop, "memory_bytes", lambda: 1000)
-    with pytest.raises(TrainingError, match=r"needs about .* lower schedule\.crops_per_step"):
+    with pytest.raises(TrainingError, match=r"needs about .* lower crops\.side_px, schedule\."):
         trained(tmp_path / "large")
     assert not (tmp_path / "large").exists()
     monkeypatch.undo()
@@ -439,6 +439,20 @@ def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
     with pytest.raises(TrainingError, match="device: found no GPU"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
     assert not (tmp_path / "gpu").exists()
+
+
+def test_memory_is_that_of_all_that_is_asked_for():
+    """Promise: many updates of the flow, and many held-out crops, count before they are made."""
+    small = FlowTraining()
+    needed = Flow(small, "all", 0).memory_bytes()
+    assert Flow(replace(small, updates=60), "all", 0).memory_bytes() > 3 * needed
+    held_out = replace(small.schedule, validation_crops=10_000)
+    crops_bytes = 3 * 10_000 * 4 * 128**2 * (4 * 15 + 3 * 2)
+    assert Flow(replace(small, schedule=held_out), "all", 0).memory_bytes() > crops_bytes
+    for problem in (Flow(TINY_FLOW, "all", 0), Reconstruction(TINY, "all", 0)):
+        inputs, truths = problem.batch(0)
+        values = inputs[0].numel() + truths[0].numel()
+        assert values == problem.values_per_px * inputs.shape[-1] ** 2
 
 
 def test_settings_are_names_or_files(tmp_path):

@@ -139,8 +139,9 @@ def check_machine(problem: Problem, device: str | None) -> None:
         there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
     if needed > there:
         raise TrainingError(
-            f"train: a step needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
-            f"{there / 1e9:.1f} GB; lower schedule.crops_per_step or crops.side_px"
+            f"train: the training needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
+            f"{there / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
+            "schedule.validation_crops"
         )
 
 

@@ -22,6 +22,7 @@ LIGHTS = {"ideal": math.inf, "200 Hz": 200.0, "50 Hz": 50.0}
 """Cutoffs of the validation crops, Hz, by name."""
 
 _HELD_OUT_SEED = 0
+_BYTES_PER_SCORED_PX = 750  # at most that much was measured, by reconstruction in float32
 
 
 class Problem(ABC):
@@ -103,8 +104,22 @@ class Problem(ABC):
         """
 
     @abstractmethod
-    def memory_bytes(self) -> int:
+    def step_bytes(self) -> int:
         """Return an estimate of the memory that a step needs, bytes."""
+
+    @property
+    @abstractmethod
+    def values_per_px(self) -> int:
+        """Return how many values per pixel a sample has."""
+
+    def memory_bytes(self) -> int:
+        """Return an estimate of the memory that a training needs, bytes.
+
+        It is that of a step, of the held-out crops of all lights, and of scoring those of a light.
+        """
+        held_out_px = self._schedule.validation_crops * self.held_out_crops().side_px ** 2
+        held_out = 4 * self.values_per_px * len(LIGHTS) + _BYTES_PER_SCORED_PX
+        return self.step_bytes() + held_out * held_out_px
 
     def run_in(self, step: int) -> int:
         """Return the number of windows before those from which a step learns."""

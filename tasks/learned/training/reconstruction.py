@@ -132,12 +132,18 @@ class Reconstruction(Problem):
             found.append(float(np.mean(scores)))
         return found
 
-    def memory_bytes(self) -> int:
-        """As `Problem.memory_bytes`."""
+    def step_bytes(self) -> int:
+        """As `Problem.step_bytes`."""
         settings = self._settings
         pixels = settings.schedule.crops_per_step * settings.crops.side_px**2
         per_px = _BYTES_PER_PX_AND_CHANNEL * settings.base_channels
         return per_px * pixels * settings.windows_at_once
+
+    @property
+    def values_per_px(self) -> int:
+        """As `Problem.values_per_px`."""
+        settings = self._settings
+        return settings.windows * (settings.bins + len(DECAYS) + 1)
 
 
 def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:

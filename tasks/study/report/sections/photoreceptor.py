@@ -15,7 +15,6 @@ from tasks.study.results.perturbation import is_main
 from tasks.study.results.readings import Lead, leads
 from tasks.study.results.words import (
     MISSING,
-    BaseSpeeds,
     capitalized,
     cutoff_label,
     photoreceptor_label,
@@ -62,7 +61,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     names = [photoreceptor_label(name) for name in readings]
     heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
     tables = [
-        _table(series, found, heads, run.base_speeds)
+        _table(series, found, heads, run)
         for series in run.series
         if is_main(series) and (found := leads(readings, series))
     ]
@@ -70,31 +69,31 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     return Readings(names, tables, _verdicts(verdicts, heads))
 
 
-def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeeds) -> Table:
+def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRun) -> Table:
     metric = TASKS[series.task].metric
-    fine, coarse = found[0].widths
     with_paper = any(lead.paper is not None for lead in found)
     blocks: dict[Text, dict[Text, list[Text]]] = {}
     for lead in found:
         cells = [
             Text(MISSING)
             if one is None or choice is None
-            else Text(one.text(metric.decimals), _enough(choice))
+            else Text(one.text(metric.decimals), _enough(choice, run))
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        speed = speed_label(lead.scene, lead.speed, base)
+        speed = speed_label(lead.scene, lead.speed, run.base_speeds)
         head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
         blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
-    caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
+    fine, coarse = map(run.scores.sensor_label, found[0].widths)
+    caption = f"{capitalized(series.title)}: lead of {fine} over {coarse}, {metric.unit}"
     last = [Text("paper")] * with_paper
     return Table(caption, [Text(""), *heads, *last], blocks)
 
 
-def _enough(choice: Choice) -> str:
+def _enough(choice: Choice, run: FinishedRun) -> str:
     if not choice.worthwhile:
         return "doing nothing is as good"
-    return f"enough: {choice.enough} px"
+    return f"enough: {run.scores.sensor_label(choice.enough)}"
 
 
 def _verdicts(found: list[tuple[Verdict, ...]], heads: list[Text]) -> Table:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from sensor.statistics import PowerLaw
@@ -38,7 +41,9 @@ def _law_text(law: PowerLaw | None) -> str:
     return f"γ = {Estimate(law.exponent, law.low, law.high).text(sign='')}"
 
 
-def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
+def interval_plot(
+    one: Scaling, base: BaseSpeeds = PACKAGED, names: Mapping[int, str] = MappingProxyType({})
+) -> Plot:
     """Plot histograms: highest cutoff at base speed, lowest cutoff at base and at highest speed.
 
     Parameters
@@ -47,6 +52,8 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
         Scaling statistics of a scene.
     base
         Speed of the camera at factor 1.
+    names
+        Names of the sensors that have one, by width.
 
     Returns
     -------
@@ -74,7 +81,8 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
             points = []
             if (mode_us := one.mode_us(width, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles_ms / (mode_us * 1e-3)))))
-                said = [f"{width} px", f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"]
+                mode, most = f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"
+                said = [names.get(width, f"{width} px"), mode, most]
                 points.append(Point(float(middles_ms[k]), share[k], said))
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
         fast = speed_label(one.scene, speed, base)
@@ -82,7 +90,7 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
     title = f"Intervals between events, {one.scene}"
     axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"
-    return plot(title, *axes, width_keys(widths), panels, include_y=[0])
+    return plot(title, *axes, width_keys(widths, names), panels, include_y=[0])
 
 
 def _shares(histogram: Intervals) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -51,8 +51,11 @@ def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
     return f"{_number(float(np.median(rates)))} {unit}/s" if rates else MISSING
 
 
-def method_table(costs: Sequence[JobTimings]) -> Table:
-    """List the time of an estimate by sensor, the number of estimates and their total time."""
+def method_table(costs: Sequence[JobTimings], names: Mapping[int, str]) -> Table:
+    """List the time of an estimate by sensor, the number of estimates and their total time.
+
+    `names` are those of the sensors that have one, by width.
+    """
     found: dict[Series, list[MethodTimings]] = {}
     for cost in (method for one in costs for method in one.methods):
         if cost.method != TASKS[cost.task].baseline:
@@ -68,7 +71,7 @@ def method_table(costs: Sequence[JobTimings]) -> Table:
     }
     heads = [
         Text("method"),
-        *(Text(f"{width} px") for width in widths),
+        *(Text(names.get(width, f"{width} px")) for width in widths),
         Text("estimates"),
         Text("total"),
     ]
