@@ -23,6 +23,7 @@ from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
 from tasks.events.sensor_options import PixelOptions
+from tasks.events.truth import groups_to_copy
 from tasks.generation import dataset, sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
@@ -332,6 +333,37 @@ def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
     assert len(white) == 1
     dataset = EventDataset(tmp_path / "data")
     assert [one.clip for one in dataset.recordings] == [folder, folder / "right"]
+
+
+@pytest.mark.slow
+def test_a_stopped_pair_continues_to_the_same_bytes(tmp_path, monkeypatch):
+    """Promise: stopped at the right camera's events, a pair is completed and keeps its frames."""
+    settings = DatasetSettings(
+        seed=1,
+        seconds=0.01,
+        width=32,
+        height=24,
+        cutoffs_hz=(np.inf, 2000.0),
+        truth_step_s=0.01,
+        baseline_m=0.1,
+    )
+    make_dataset(settings, tmp_path / "whole", 1)
+    views = []
+
+    def stopped_at_the_second(*arguments):
+        views.append(arguments)
+        return stopped() if len(views) == 2 else groups_to_copy(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sequence, "groups_to_copy", stopped_at_the_second)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(settings, tmp_path / "stopped", 1)
+    half = tmp_path / "stopped/.unfinished/000000"
+    written = [file.stat().st_mtime_ns for file in sorted(half.rglob("frames/*"))]
+    (folder,) = make_dataset(settings, tmp_path / "stopped", 1)
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
+    assert [file.stat().st_mtime_ns for file in sorted(folder.rglob("frames/*"))] == written
+    assert len({file.parent for file in folder.rglob("frames/*")}) == 2
 
 
 def test_the_estimate_grows_with_the_work():
