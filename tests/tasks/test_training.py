@@ -571,9 +571,11 @@ def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
     shutil.copytree(folder, other)
     described = json.loads((other / "training.json").read_text())
     described["settings"]["crops"]["side_px"] *= 2
+    described["made_with"]["device"] = "cuda; cpu"  # begun on a GPU, ended on a processor
     (other / "training.json").write_text(json.dumps(described))
     code, out, _ = eres("train", "card", folder, other)
     assert [out.count(text) for text in ("| all light | 0 |", "| gray |", "```json")] == [2, 2, 2]
+    assert [out.count(f"MB; device {name}, code x") for name in ("cpu", "cuda; cpu")] == [1, 1]
     code, _, err = eres("train", "card", tmp_path)
     assert code == 1
     assert "expected a training's folder" in err

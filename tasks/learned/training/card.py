@@ -75,12 +75,14 @@ def _table(runs: Sequence[Run]) -> str:
 
 
 def _origins(runs: Sequence[Run]) -> list[str]:
-    """Describe steps, device, size and code of the trainings, without repetition."""
+    """Describe steps, size, device and code of the trainings, without repetition."""
     origins: dict[str, list[str]] = {}
     for folder, described, scores in runs:
-        made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
+        # Older trainings name only the device of their last steps, with the scores.
+        origin = {"device": scores.device, **described["made_with"]}
+        made_with = ", ".join(f"{k} {v}" for k, v in origin.items())
         megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
-        steps = f"{scores.steps} steps on {scores.device}, {megabytes:.2f} MB"
+        steps = f"{scores.steps} steps, {megabytes:.2f} MB"
         settings = described["settings"]
         name = f"{settings['light']} light, seed {settings['seed']}"
         origins.setdefault(f"{steps}; {made_with}.", []).append(name)
