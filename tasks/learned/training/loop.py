@@ -139,7 +139,7 @@ def check_machine(problem: Problem, device: str | None) -> None:
         there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
     if needed > there:
         raise TrainingError(
-            f"train: the training needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
+            f"train: needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
             f"{there / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
             "schedule.validation_crops"
         )
