@@ -54,7 +54,17 @@ def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
 def method_table(costs: Sequence[JobTimings], names: Mapping[int, str]) -> Table:
     """List the time of an estimate by sensor, the number of estimates and their total time.
 
-    `names` are those of the sensors that have one, by width.
+    Parameters
+    ----------
+    costs
+        Times of the jobs.
+    names
+        Names of the sensors that have one, by width.
+
+    Returns
+    -------
+    Table
+        A row for each method.
     """
     found: dict[Series, list[MethodTimings]] = {}
     for cost in (method for one in costs for method in one.methods):
