@@ -44,6 +44,7 @@ SETTINGS = DatasetSettings(
     imu=ImuOptions(imu=500.0),
     images_hz=100.0,
 )
+PAIR = DatasetSettings(seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1)
 FILES = ("events_inf.h5", "events_200.h5")
 
 
@@ -311,10 +312,7 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
 
 def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
     """What the left camera sees at depth z, the right one sees f b / z farther left at depth z."""
-    settings = DatasetSettings(
-        seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1
-    )
-    (folder,) = make_dataset(settings, tmp_path / "data", 1)
+    (folder,) = make_dataset(PAIR, tmp_path / "data", 1)
     with (
         h5py.File(folder / "events_inf.h5") as left,
         h5py.File(folder / "right" / "events_inf.h5") as right,
@@ -338,15 +336,7 @@ def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
 @pytest.mark.slow
 def test_a_stopped_pair_continues_to_the_same_bytes(tmp_path, monkeypatch):
     """Promise: stopped at the right camera's events, a pair is completed and keeps its frames."""
-    settings = DatasetSettings(
-        seed=1,
-        seconds=0.01,
-        width=32,
-        height=24,
-        cutoffs_hz=(np.inf, 2000.0),
-        truth_step_s=0.01,
-        baseline_m=0.1,
-    )
+    settings = dataclasses.replace(PAIR, cutoffs_hz=(np.inf, 2000.0))
     make_dataset(settings, tmp_path / "whole", 1)
     views = []
 

@@ -70,10 +70,10 @@ def interval_plot(
     seen = np.any([share > 5e-4 for share in drawn], axis=0)
     first, last = np.flatnonzero(seen if seen.any() else ~seen)[[0, -1]]  # without events, all
     middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])[first : last + 1]
-    panels = []
+    keys, panels = width_keys(widths, names), []
     for cutoff_hz, speed in chosen:
         lines = []
-        for width in widths:
+        for width, key in zip(widths, keys, strict=True):
             if (width, cutoff_hz, speed) not in shares:  # in this light it has another cutoff
                 lines.append(Line([], []))
                 continue
@@ -82,7 +82,7 @@ def interval_plot(
             if (mode_us := one.mode_us(width, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles_ms / (mode_us * 1e-3)))))
                 mode, most = f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"
-                said = [names.get(width, f"{width} px"), mode, most]
+                said = [key.name, mode, most]
                 points.append(Point(float(middles_ms[k]), share[k], said))
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
         fast = speed_label(one.scene, speed, base)
@@ -90,7 +90,7 @@ def interval_plot(
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
     title = f"Intervals between events, {one.scene}"
     axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"
-    return plot(title, *axes, width_keys(widths, names), panels, include_y=[0])
+    return plot(title, *axes, keys, panels, include_y=[0])
 
 
 def _shares(histogram: Intervals) -> np.ndarray:
