@@ -1,7 +1,7 @@
 """Show our networks next to the paper's networks on its carpet, as a Markdown table.
 
-    python benchmarks/beside_paper.py docs/results/twins
-    python benchmarks/beside_paper.py docs/results/flow_twins
+    python benchmarks/beside_paper.py docs/results/twins_2
+    python benchmarks/beside_paper.py docs/results/flow_twins_2
 
 The paper's networks are E2VID and E-RAFT; scores are medians at base speed. The scene, the images
 and the places are ours, so levels differ, and the course over the widths is what compares.
