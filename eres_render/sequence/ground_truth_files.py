@@ -20,7 +20,7 @@ from eres_render.errors import RenderError, check_positive
 from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
-from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.atomic import make_folder, write_bytes, write_text
 from eres_render.storage.exr import write_channels
 from eres_render.trajectory.tum import tum_text
 
@@ -117,7 +117,7 @@ def write_truth(
 
     try:
         for folder in folders:
-            _make(folder)
+            make_folder(folder)
         write("poses.txt", lambda file: write_text(file, poses))
         for k, (one, text) in enumerate(zip(truth.objects, of_objects, strict=True), start=1):
             write(f"objects/{k:03d}_{one.name}.txt", partial(write_text, text=text))
@@ -168,13 +168,6 @@ def _make_room(folder: Path, overwrite: bool) -> None:
             file.unlink()
         except OSError as error:
             raise RenderError(f"{file}: cannot be removed: {error.strerror}") from error
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
 def window_times(sequence: RadianceSequence, step_s: float) -> Float64:

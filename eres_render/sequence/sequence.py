@@ -28,7 +28,7 @@ from eres_render.camera import Camera
 from eres_render.cores import cores
 from eres_render.errors import RenderError, SequenceError, TrajectoryError
 from eres_render.sequence.manifest import Manifest, read_manifest, write_manifest
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import make_folder, write_text
 from eres_render.storage.checksums import FILE_NAME, append_sum, read_sums, sha256, write_sums
 from eres_render.storage.exr import Compression, read_luminance, write_channels
 from eres_render.trajectory.spline import Trajectory
@@ -318,10 +318,7 @@ class SequenceWriter:
             found = read_manifest(folder)
             self._check_same(found)
             self._is_complete = found.complete
-        try:
-            (folder / "frames").mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
+        make_folder(folder / "frames")
         offset_us, t_s = manifest.t_offset_us, np.array(manifest.t_s)
         path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
         write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))

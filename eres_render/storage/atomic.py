@@ -11,22 +11,46 @@ from uuid import uuid4
 from eres_render.errors import RenderError
 
 
-@contextmanager
-def new_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary file name in the folder of `path`; afterwards rename that file to `path`.
+def make_folder(folder: Path) -> None:
+    """Make a folder and those that hold it, unless they exist.
+
+    Parameters
+    ----------
+    folder
+        The folder.
 
     Raises
     ------
     RenderError
-        If the file cannot be written. Nothing is left behind, also after any other error.
+        If a file is in the way, or the folder cannot be made.
     """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        file = next(one for one in (folder, *folder.parents) if one.exists())
+        raise RenderError(f"{file}: found a file, expected a folder") from error
+    except OSError as error:
+        raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary file name in the folder of `path`; afterwards rename that file to `path`.
+
+    A link is replaced, not what it points to.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written, or is a device or a pipe. Nothing is left behind, also after
+        any other error.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise RenderError(f"{path}: found a device or a pipe, expected a file or a new name")
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
     unfinished = path.with_name(f".{path.name[:48]}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
+    make_folder(path.parent)
     try:
         yield unfinished
         os.replace(unfinished, path)

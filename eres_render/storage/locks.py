@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from eres_render.errors import RenderError
+from eres_render.storage.atomic import make_folder
 
 
 class LockedError(Exception):
@@ -68,8 +69,8 @@ def _acquired(path: Path, how: int) -> BinaryIO:
 
 
 def _opened(path: Path) -> BinaryIO:
+    make_folder(path.parent)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("a+b")  # a lock over NFS needs both
     except OSError as error:
         raise RenderError(f"{path.parent}: cannot be written: {error.strerror}") from error

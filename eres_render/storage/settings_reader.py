@@ -8,9 +8,11 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
+
+from eres_render.errors import nearest
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
@@ -170,6 +172,29 @@ def read_typed(
     return typing.cast(T, result)
 
 
+def check_known(
+    found: Collection[str],
+    known: Collection[str],
+    file: Path,
+    error: type[ValueError],
+    prefix: str = "",
+) -> None:
+    """Refuse unknown fields.
+
+    Parameters
+    ----------
+    found, known
+        Names of the fields that a table has, and of those that it may have.
+    file, prefix
+        The place of the table, for the message: its file, and its name with a dot.
+    error
+        Raised for the first unknown field; it suggests a similar one, or lists all.
+    """
+    for word in found:
+        if word not in known:
+            raise error(f"{file}: {prefix}{word}: unknown; {nearest(word, known)}")
+
+
 def _fields(
     kind: type, found: dict[str, Any], file: Path, error: type[ValueError], prefix: str
 ) -> dict[str, Any]:
@@ -177,9 +202,8 @@ def _fields(
     fields, kinds = dataclasses.fields(kind), typing.get_type_hints(kind, include_extras=True)
     named = {word: f for f in fields for word in (f.name, *f.metadata.get(_OLD_NAMES, ()))}
     values: dict[str, Any] = {}
+    check_known([word for word in found if word not in named], list(kinds), file, error, prefix)
     for word, value in found.items():
-        if word not in named:
-            raise error(f"{file}: {prefix}{word}: unknown, expected one of {', '.join(kinds)}")
         name = named[word].name
         if name in values:
             raise error(f"{file}: {prefix}{name}: found twice, once under an old name")

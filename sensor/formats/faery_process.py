@@ -83,5 +83,5 @@ if __name__ == "__main__":
     try:
         main(sys.argv[1], sys.argv[2], sys.argv[3:] == ["header"])
     except BaseException as error:  # faery's panics are not of type `Exception`
-        print(f"\n{error or type(error).__name__}", file=sys.stderr)
+        print(f"\n{' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
         sys.exit(1)

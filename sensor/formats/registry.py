@@ -317,6 +317,8 @@ def write_events(
         raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+    if path.exists() and not path.is_file():
+        raise FileExistsError(errno.EEXIST, "is a device or a pipe", str(path))
     of_input: list[Exception] = []
     batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
     first = next(batches)

@@ -101,7 +101,7 @@ def read_profile(file: str | Path) -> Profile:
     known: dict[str, Sourced] = {}
     for name, facts in table.items():
         if name not in FIELDS:
-            raise SensorError(f"{file}: {name}: unknown, expected one of {', '.join(FIELDS)}")
+            raise SensorError(f"{file}: {name}: unknown; {nearest(name, FIELDS)}")
         try:
             known[name] = _sourced(name, facts)
         except SensorError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sensor import Readout, SensorModel
+from tasks.errors import TaskError
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,11 @@ class Setting:
     distance
         Factor by which the camera is farther from the plane than in the frames; its focal length is
         longer by the same factor, so the image is the same, but the pose is not.
+
+    Raises
+    ------
+    TaskError
+        The window is empty, as the speed is too high.
     """
 
     model: SensorModel
@@ -39,6 +45,13 @@ class Setting:
     illuminance_lux: float = 0.0
     speed_m_s: float = 0.0
     distance: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.end_us <= self.start_us:
+            raise TaskError(
+                f"speed: found {self.speed:g}, at which a window is shorter than a microsecond, "
+                "expected less"
+            )
 
     @property
     def seconds(self) -> float:

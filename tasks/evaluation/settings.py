@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
 
+from eres_render.errors import nearest
 from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
 from tasks.errors import TaskError
@@ -20,6 +21,7 @@ MAY_BE_ZERO = {"may be zero": True}
 
 Equalization = Literal["none", "global", "local", "clahe"]
 
+_MOST_IMAGES = 1_000_000  # that one stretch of video scores
 _WINDOW_S = 1e-6 * WINDOW_US
 """Default length of the windows of E2VID, seconds of the path."""
 
@@ -292,6 +294,11 @@ class Video(NetworkSettings):
     e2vid_events_per_px: float | None = None
 
     def __post_init__(self) -> None:
+        if 0 < self.every_s * _MOST_IMAGES < self.duration_s:
+            raise TaskError(
+                f"every_s: found {self.every_s:g} s, expected at least "
+                f"{self.duration_s / _MOST_IMAGES:g} s, for at most {_MOST_IMAGES} images"
+            )
         if self.every_s > 0 and self.images < 1:
             raise TaskError(
                 f"video: found no image to score with duration_s = {self.duration_s:g}, "
@@ -335,7 +342,7 @@ class Evaluate(Mapping[str, TaskSettings]):
     def __init__(self, **tasks: TaskSettings) -> None:
         for task, settings in tasks.items():
             if task not in TASKS:
-                raise TaskError(f"evaluate.{task}: unknown, expected one of {', '.join(TASKS)}")
+                raise TaskError(f"evaluate.{task}: unknown; {nearest(task, TASKS)}")
             if settings:  # None stands for the default
                 use_python_numbers(settings)
         self._given = tasks

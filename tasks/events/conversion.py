@@ -11,10 +11,9 @@ from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, MOST_SHIFT_US, Reading
 from tasks.events.truth import COPIED, groups_to_copy
 
-_MAX_SHIFT_US = 1 << 62  # int64 holds the sum of two such times
 _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
 
 
@@ -62,7 +61,7 @@ def convert(
     source, out = Path(source), Path(out)
     if shift_us and from_start:
         raise TaskError("found shift_us and from_start, expected at most one of them")
-    if abs(shift_us) >= _MAX_SHIFT_US:
+    if abs(shift_us) >= MOST_SHIFT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format, topic=reading.topic)
     if out.exists() and out.samefile(source):

@@ -18,11 +18,18 @@ from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.exposures import FILE_NAME as EXPOSURES
 from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
 FILE_NAME = "images.json"
+_IN_USE = {  # by the names of its files, what a folder holds
+    "[0-9]" * 6 + ".png": "images",
+    FILE_NAME: "images",
+    EXPOSURES: "images",
+    "manifest.json": "a sequence",
+}
 
 
 def write_images(
@@ -79,8 +86,7 @@ def write_images(
         )
     if seed < 0:
         raise TaskError(f"seed: found {seed}, expected 0 or more")
-    if (out / FILE_NAME).exists() or any(out.glob("[0-9]" * 6 + ".png")):
-        raise TaskError(f"{out}: contains images already; write elsewhere")
+    _check_folder(out)
     t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:
@@ -111,6 +117,15 @@ def write_images(
     }
     write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")
     return len(starts_s)
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse a file, and a folder with something that the images would replace or resemble."""
+    if out.exists() and not out.is_dir():
+        raise TaskError(f"{out}: found a file, expected a folder")
+    for name, held in _IN_USE.items():
+        if any(out.glob(name)):
+            raise TaskError(f"{out}: contains {held} already; write elsewhere")
 
 
 def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64:

@@ -49,8 +49,12 @@ class ImuOptions:
         if self.imu is not None and not 0 < self.imu <= 1e6:
             raise TaskError(f"imu: found {self.imu:g} Hz, expected above 0 and at most 1e6")
         for name, value in asdict(self).items():
-            if name != "imu" and not 0 <= value < math.inf:
+            if name == "imu":
+                continue
+            if not 0 <= value < math.inf:
                 raise TaskError(f"{name}: found {value}, expected a number of at least 0")
+            if self.imu is None and value != getattr(NO_IMU, name):
+                raise TaskError(f"{name}: found {value}, expected it only with an IMU, --imu HZ")
 
 
 NO_IMU = ImuOptions()

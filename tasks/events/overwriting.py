@@ -1,4 +1,4 @@
-"""Existing files are replaced only on request."""
+"""Existing files are replaced only on request, and devices never."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from tasks.errors import TaskError
 
 
 def check_new(path: Path, overwrite: bool) -> None:
-    """Refuse to replace a file.
+    """Refuse to replace a file, or something other than a file.
+
+    A link is replaced, not what it points to.
 
     Parameters
     ----------
@@ -21,7 +23,10 @@ def check_new(path: Path, overwrite: bool) -> None:
     Raises
     ------
     TaskError
-        It exists, and may not be replaced.
+        It exists, and may not be replaced, or is a device or a pipe.
     """
-    if os.path.lexists(path) and not path.is_dir() and not overwrite:
-        raise TaskError(f"{path}: exists already; add --overwrite to replace it")
+    if os.path.lexists(path) and not path.is_dir():
+        if not overwrite:
+            raise TaskError(f"{path}: exists already; add --overwrite to replace it")
+        if path.exists() and not path.is_file():
+            raise TaskError(f"{path}: found a device or a pipe, expected a file or a new name")

@@ -191,6 +191,7 @@ def simulate_sequence(
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
     additions = []
+    imu.check()
     for name, wanted in (("truth", truth_step_s), ("imu", imu.imu)):
         if wanted is not None and find_format(out, options.format, new=True).name != "dsec":
             raise TaskError(f"{out}: only DSEC's format (.h5) can store {name}")

@@ -13,7 +13,7 @@ from tasks.errors import TaskError
 from tasks.generation.cluster import make_on_workers
 from tasks.generation.estimate import estimate
 from tasks.generation.sequence import UNFINISHED, complete_sequence, sequence_folder
-from tasks.generation.settings import DatasetSettings, claim_folder
+from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +60,7 @@ def make_dataset(
     out = Path(out)
     if count < 1:
         raise TaskError(f"count: found {count}, expected at least 1")
+    is_new = not (out / FILE_NAME).exists()
     claim_folder(settings, out)
     folders = [sequence_folder(out, number) for number in range(count)]
     try:
@@ -85,6 +86,10 @@ def make_dataset(
                 (out / UNFINISHED).rmdir()
     except LockedError:
         raise TaskError(f"{out}: another process is making this dataset; wait for it") from None
+    except Exception:
+        if is_new and not any(folder.is_dir() for folder in (*folders, out / UNFINISHED)):
+            (out / FILE_NAME).unlink(missing_ok=True)  # nothing was begun with these settings
+        raise
     return folders
 
 

@@ -26,6 +26,7 @@ from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 FILE_NAME = "dataset.json"
 
 _WARM_UP = 6.0  # time constants of the slowest filter
+_LEAST_HZ = 0.01  # warms up for a minute and a half
 _MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
 _WIDEST_M = 0.3  # largest baseline of a pair of cameras
 _DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
@@ -109,6 +110,7 @@ class DatasetSettings:
         check(
             "cutoffs_hz", different and positive, "positive numbers of Hz that differ in six digits"
         )
+        check("cutoffs_hz", min(cutoffs) >= _LEAST_HZ, f"at least {_LEAST_HZ:g} Hz")
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import pickle
 import re
+import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,8 @@ def read_checkpoint(file: Path) -> Any:
         The file is missing, damaged, not a checkpoint, or holds other classes.
     """
     try:
-        return torch.load(file, map_location="cpu", weights_only=True)
+        found = torch.load(file, map_location="cpu", weights_only=True)
+        damaged = _damaged(file)
     except OSError as error:
         raise WeightsError(f"{file}: cannot be read: {error.strerror or error}") from None
     except pickle.UnpicklingError as error:
@@ -72,6 +74,20 @@ def read_checkpoint(file: Path) -> Any:
     except Exception as error:  # PyTorch's unpickler raises whatever the bytes lead it to
         reason = str(error).partition("\n")[0][:200] or type(error).__name__
         raise WeightsError(f"{file}: not a complete PyTorch checkpoint: {reason}") from None
+    if damaged is not None:
+        raise WeightsError(f"{file}: damaged: {damaged} differs from its checksum")
+    return found
+
+
+def _damaged(file: Path) -> str | None:
+    """Return the first damaged entry of a zip file; PyTorch does not check them.
+
+    Files of PyTorch before 1.6 are no zip files and have no checksums.
+    """
+    if not zipfile.is_zipfile(file):
+        return None
+    with zipfile.ZipFile(file) as entries:
+        return entries.testzip()
 
 
 def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:

@@ -204,7 +204,8 @@ def _files_of(own: str) -> list[Path]:
     for part in (module, inspect.unwrap(method) if callable(method) else module):
         with suppress(TypeError):  # has no source
             found.append(inspect.getsourcefile(part))
-    return [Path(file) for file in dict.fromkeys(found) if file]
+    paths = [Path(file) for file in dict.fromkeys(found) if file]
+    return [path for path in paths if path.is_file()]  # modules of Python itself may have none
 
 
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from eres_render.errors import nearest
+from eres_render.errors import check_spp, nearest
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
+from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
@@ -27,6 +28,8 @@ _LEFT_OUT_IF_NOT_GIVEN = (
     *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
 )
 
+_LEAST_HZ = 1e-3  # warms up for a quarter of an hour
+_LONGEST_S = 2000.0  # sensors take less than 2147 s between two frames
 LEAST_RESOLUTION = 62
 """Least side of a frame, px: `sensor.statistics.slopes_by_pixel_size` needs it for its blocks."""
 
@@ -292,12 +295,24 @@ class Study:
                     f"render.{name}: found {side} px, expected at least {LEAST_RESOLUTION}, which "
                     "the scaling statistics need"
                 )
+        check_spp(self.render.spp, StudyError)
+        if self.render.seed >= 1 << 32:
+            raise StudyError(f"render.seed: found {self.render.seed}, expected less than 2^32")
         if max(self.simulate.widths, default=0) > self.render.resolution:
             raise StudyError(
                 f"simulate.widths: found {max(self.simulate.widths)} px, expected at most "
                 f"{self.render.resolution}, which is render.resolution"
             )
         self._check_sensors()
+        try:
+            models = [model for *_, model in self.simulate.models(self.render)]
+        except SensorError as error:
+            raise StudyError(f"simulate: {error}") from None
+        slowest_hz = min(model.cutoff_hz for model in models)
+        if slowest_hz < _LEAST_HZ:
+            raise StudyError(
+                f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_LEAST_HZ:g} Hz"
+            )
         if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
             check_buses(self.simulate, self.render)
         self._check_tasks()
@@ -352,6 +367,32 @@ class Study:
                     f"evaluate.{task}.methods: found {asked[0]!r}, which is about two poles, and "
                     f"the photoreceptor {model.photoreceptor!r}, expected only 'two_pole'"
                 )
+
+
+def check_speeds(simulate: Simulate, render: Render) -> None:
+    """Refuse speeds at which a window is shorter than a microsecond, or longer than half an hour.
+
+    Parameters
+    ----------
+    simulate
+        The sensors, with their speeds as factors.
+    render
+        The length of a window.
+
+    Raises
+    ------
+    StudyError
+        Names the speed, and those that are possible.
+    """
+    window_us = 1e6 * render.window_s
+    least, most = render.window_s / _LONGEST_S, window_us
+    for speed in simulate.speeds:
+        if not least <= speed <= most:
+            raise StudyError(
+                f"speeds: found {speed:g} times the base speed, at which a window of "
+                f"{1e3 * render.window_s:g} ms lasts {render.window_s / speed:.3g} s, expected "
+                f"{least:.3g} to {most:g}"
+            )
 
 
 def check_buses(simulate: Simulate, render: Render) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import field, make_dataclass
+from dataclasses import field, fields, make_dataclass
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.settings_reader import read_toml, read_typed
+from eres_render.storage.settings_reader import check_known, read_toml, read_typed
 from sensor.errors import SensorError
 from sensor.presets import find_sensor
-from tasks.errors import StudyError
+from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
 from tasks.registry import TASKS, load
 from tasks.study.changes import with_weights
@@ -43,6 +43,7 @@ def read_study(file: str | Path) -> Study:
     """
     file = Path(file)
     table = {"name": file.stem, **read_toml(dict[str, Any], file, StudyError)}
+    check_known(table, [*_names(Study), "weights"], file, StudyError)
     if isinstance(table.get("simulate"), dict):
         table["simulate"] = _simulate(table["simulate"], file)
     table["evaluate"] = _evaluate(table.get("evaluate", {}), file)
@@ -59,9 +60,15 @@ def read_study(file: str | Path) -> Study:
     study = read_typed(Study, table, file, StudyError)
     _check_fast(study.evaluate["flow"], file)
     _check_scenes(study, file)
-    return with_weights(
-        study, {name: str((file.parent / one).absolute()) for name, one in weights.items()}
-    )
+    placed = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
+    try:
+        return with_weights(study, placed)
+    except (StudyError, WeightsError) as error:
+        raise type(error)(f"{file}: {error}") from None
+
+
+def _names(kind: type) -> list[str]:
+    return [one.name for one in fields(kind)]
 
 
 def _check_fast(flow: TaskSettings, file: Path) -> None:
@@ -96,6 +103,8 @@ def _placed(scene: Any, file: Path) -> Any:
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
     table = dict(given)
+    new = [name for name in table if name != "photoreceptor"]
+    check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
     for one, other in _ONE_OF:
         if one in table and other in table:
             raise StudyError(

@@ -95,6 +95,8 @@ def open_subject(
         )
     if not files and over is not None:
         raise TaskError("over: found only rendered clips, expected files of events to draw over it")
+    if len(files) == len(paths) and show != "frames":
+        raise TaskError(f"show: found {show}, expected it only with a rendered clip as a source")
     headers = {path: _header(path, reading, format) for path in files}
     beside_clips = len(files) < len(paths)
     speeds = {

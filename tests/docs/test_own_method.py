@@ -105,10 +105,10 @@ def test_settings_of_your_own_task_are_in_the_key_of_its_jobs(page):
     [
         ("first_us = 0", "evaluate.rate.first_us: found 0, expected a positive number"),
         ("first_us = 0.5", "evaluate.rate.first_us: found 0.5, expected an integer"),
-        ("last_us = 5", "evaluate.rate.last_us: unknown, expected one of methods, first_us"),
+        ("last_us = 5", "evaluate.rate.last_us: unknown; did you mean 'first_us'"),
         (
             "[evaluate.rates]",
-            "evaluate.rates: unknown, expected one of .*, rate$",
+            "evaluate.rates: unknown; did you mean 'rate'",
         ),
     ],
 )

@@ -117,7 +117,7 @@ def test_waypoints_at_one_place_are_refused():
     [
         ('kind = "waypoints"', 'kind = "waypoint"', "path: kind: found 'waypoint', expected one"),
         ('kind = "waypoints"\n', "", "path: kind: found None, expected one of facing_plane, way"),
-        ("seed = 5", "sede = 5", r"path\.sede: unknown, expected one of kind, seed, "),
+        ("seed = 5", "sede = 5", r"path\.sede: unknown; did you mean 'seed'"),
         ("min_clearance_m = 0.2", "min_clearance_m = 0", r"path\.min_clearance_m: found 0\.0"),
         ("[-1.0, 0.0, 1.5]", "[-1.0, 0.0]", r"path\.waypoints\[2\]\.position_m: found \[-1\.0, 0"),
     ],

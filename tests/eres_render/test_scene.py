@@ -47,7 +47,7 @@ def test_a_folder_is_a_scene_too(tmp_path):
         (
             "fov_deg = 60.0",
             "fov_deg = 60\nfow = 1",
-            r"camera\.fow: unknown, expected one of fov_deg",
+            r"camera\.fow: unknown; choose from: fov_deg",
         ),
         ("seed = 0", "seed = 1.5", r"path\.seed: found 1\.5, expected an integer"),
         ("seed = 0", "seed = -1", r"path\.seed: found -1, expected 0 or more"),

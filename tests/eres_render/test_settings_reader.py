@@ -41,8 +41,10 @@ def test_a_field_is_given_once(tmp_path, words):
 def test_errors_name_the_word_in_the_file(tmp_path):
     with pytest.raises(ValueError, match=r"lamps\[0\]\.colour: found 3, expected a string"):
         read(tmp_path, "lamps = [{colour = 3}]")
-    with pytest.raises(ValueError, match=r"lamps\[0\]\.hue: unknown, expected one of color"):
+    with pytest.raises(ValueError, match=r"lamps\[0\]\.hue: unknown; choose from: color"):
         read(tmp_path, "lamps = [{hue = 3}]")
+    with pytest.raises(ValueError, match=r"lamps\[0\]\.powr_w: unknown; did you mean 'power_w'"):
+        read(tmp_path, "lamps = [{powr_w = 3}]")
 
 
 @pytest.mark.parametrize(("said", "power_w"), [("inf", math.inf), ("20", 20.0), (3, 3.0)])

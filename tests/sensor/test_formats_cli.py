@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 import shutil
 import sys
 from dataclasses import replace
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 from eres_render import ground_truth, load_scene, render_scene, window_times
+from eres_render.errors import RenderError
+from eres_render.storage.atomic import write_bytes
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
@@ -367,6 +370,25 @@ def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
         assert out.read_bytes() == b"precious"
         assert eres(command, *words, "--overwrite")[0] == 0
         assert len(load_events(out)) > 0
+
+
+def test_devices_and_pipes_are_never_replaced(eres, tmp_path):
+    """Promise: not even with --overwrite; a link is replaced, and its file stays as it is."""
+    source, pipe, link = (tmp_path / name for name in ("a.npz", "pipe.h5", "link.h5"))
+    write_events(source, random_events(500))
+    os.mkfifo(pipe)
+    code, _, err = eres("convert", source, pipe, "--overwrite")
+    assert (code, f"{pipe}: found a device or a pipe" in err) == (1, True)
+    with pytest.raises(FileExistsError, match="is a device or a pipe"):
+        write_events(pipe, random_events(500))
+    with pytest.raises(RenderError, match="found a device or a pipe"):
+        write_bytes(pipe, b"")
+    assert pipe.is_fifo()
+    (tmp_path / "precious.h5").write_bytes(b"precious")
+    link.symlink_to("precious.h5")
+    assert eres("convert", source, link, "--overwrite")[0] == 0
+    assert (tmp_path / "precious.h5").read_bytes() == b"precious"
+    assert len(load_events(link)) == 500
 
 
 def test_convert_asks_for_a_size(eres, tmp_path):

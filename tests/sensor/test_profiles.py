@@ -85,7 +85,7 @@ def test_light_drives_cutoff_and_noise_together():
     ("text", "expected"),
     [
         ("[cutoff]", "title: found None, expected the name"),
-        ('title = "x"\n[cutof]\nvalue = 1', "cutof: unknown, expected one of photoreceptor, "),
+        ('title = "x"\n[cutof]\nvalue = 1', "cutof: unknown; did you mean 'cutoff'"),
         (TEXT.replace("0.2", "-0.2"), "cutoff.value: found -0.2, expected a number of at least 0"),
         (TEXT.replace('"kHz"', '"lux"'), "cutoff.unit: found 'lux', expected 'Hz' or 'kHz'"),
         (TEXT.replace('unit = "kHz"', ""), "cutoff.unit: found None, expected 'Hz' or 'kHz'"),

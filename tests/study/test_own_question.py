@@ -179,6 +179,9 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ('sensors = ["davis346"]\nwidths = [346]', "and 346 px of simulate.widths, both 346 px"),
         ('sensors = ["none.toml"]', "none.toml: no such file"),
         ('photoreceptors = ["v2e", "v2e"]', "photoreceptors: found .*expected each of them once"),
+        ("buss = 3", "simulate.buss: unknown; did you mean 'bus'"),
+        ("contrast_thresholds = [1e-12]", "toml: simulate: SensorModel.contrast_threshold: found"),
+        ("cutoffs_hz = [1e-308]", "simulate: found a cutoff of 1e-308 Hz, expected at least 0.001"),
         ('photoreceptors = ["v2"]', r"photoreceptors\[0\]: found 'v2', expected 'two_pole' or"),
     ],
 )
@@ -234,6 +237,22 @@ def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
         ("speeds = [4]", "", "pose tracking, expected at most 3.57, or no methods"),
         ("", "[render]\nevery_s = 30", "no sample fits the path of carpet, 10 s long, .* 19.9"),
         ("", "[render]\nsamples = 21", "found 21, expected 1 to 20"),
+        (
+            "speeds = [1e6]",
+            QUIET,
+            r"speeds: found 1e\+06 times .* lasts 5e-08 s, expected 2.5e-05 to",
+        ),
+        (
+            "speeds_m_s = [1e-12]",
+            QUIET,
+            r"speeds: found 1\.11111e-12 times .* lasts 4\.5e\+10 s, expected",
+        ),
+        ("", "[render]\nwindow_s = 100", "window_s: found 100 s, expected less than the path of c"),
+        (
+            "",
+            "[evaluate.tracking]\ntracking_window_s = 99",
+            "tracking_window_s: found 99 s, expect",
+        ),
     ],
 )
 def test_what_no_frame_can_give_is_refused_before_rendering(tmp_path, simulate, rest, message):

@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from eres_render.rendering.backend import VariantVerdict
-from sensor import SensorError
+from sensor import SensorError, SensorModel
 from tasks import provenance
 from tasks.cli.main import _ToTerminal, command_names
+from tasks.errors import TaskError
+from tasks.evaluation.setting import Setting
 
 
 def test_version_and_lists(eres):
@@ -48,7 +50,7 @@ def test_help_lists_the_commands_in_short(eres):
         (["render", "carpt", "--out", "{tmp}/r"], 1, "did you mean 'carpet'"),
         (["render", "carpet", "--out", "{tmp}/r", "--spp", "5"], 1, "spp: found 5"),
         (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
-        (["render", "carpet", "--out", "{tmp}/file/r", "--samples", "1"], 1, "file"),
+        (["render", "carpet", "--out", "{tmp}/file/r", "--samples", "1"], 1, "file: found a f"),
         (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
         (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128, to see as"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
@@ -61,6 +63,11 @@ def test_help_lists_the_commands_in_short(eres):
         (["report", "{tmp}/none"], 1, "none/rows.parquet: no such file"),
         (["info", "{tmp}/none"], 1, "none"),
         (["bake", "nowhere"], 1, "nowhere"),
+        (
+            ["train", "flow", "--config", "trial", "--out", "{tmp}/file"],
+            1,
+            "file: found a file, exp",
+        ),
         (["studdy"], 2, "studdy"),
         (["study"], 2, "--out"),
         (["render", "carpet", "--out", "{tmp}/r", "--spp", "many"], 2, "many"),
@@ -76,6 +83,12 @@ def test_mistakes_get_one_clear_line(eres, tmp_path, args, code, text):
         assert len(err.strip().splitlines()) == 1, err
         assert err.startswith("error: ")
         assert sorted(p.name for p in tmp_path.rglob("*")) == ["file"]
+
+
+def test_a_speed_leaves_a_microsecond_of_a_window():
+    """Promise: a higher one is refused by name, before anything divides by its length."""
+    with pytest.raises(TaskError, match=r"speed: found 1e\+06, at which a window is shorter than"):
+        Setting(SensorModel(width=64, height=64), 1e6, 0, 0)
 
 
 def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):

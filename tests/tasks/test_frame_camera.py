@@ -126,6 +126,12 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
         assert code == 1
         assert found in error
     assert not (tmp_path / "none").exists()
+    for name, held in (("frames.csv", "images"), ("manifest.json", "a sequence")):  # of others
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_text("keep")
+        code, _, error = eres("images", clip.folder, "--out", tmp_path / name, *camera)
+        assert (code, f"{name}: contains {held} already" in error) == (1, True)
+        assert [file.name for file in (tmp_path / name).iterdir()] == [name]
     (out / "images.json").unlink()  # as after an interruption
     code, _, error = eres("images", clip.folder, "--out", out, *camera)
     assert code == 1

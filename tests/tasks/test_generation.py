@@ -198,6 +198,8 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
         (["--stereo", 0.4], "baseline_m: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
+        (["--gyroscope-noise", 1], "gyroscope_noise: found 1.0, expected it only with an IMU"),
+        (["--cutoffs", 1e-308], "cutoffs_hz: found (1e-308,), expected at least 0.01 Hz"),
         (["--images", 300], "images_hz: found 300.0, expected above 0, and exposures"),
         (["--resolution", 0], "width: found 0"),
         (["--threshold", "inf"], "contrast_threshold: found inf"),
@@ -210,6 +212,14 @@ def test_senseless_options_are_refused(tmp_path, eres, options, found):
     assert code == 1
     assert found in error
     assert not (tmp_path / "out").exists()
+
+
+def test_a_refused_dataset_can_be_asked_for_with_other_options(tmp_path, eres):
+    """Promise: nothing that was not begun stays behind as settings."""
+    out = tmp_path / "out"
+    code, _, error = eres("dataset", out, "--count", 1, *OPTIONS, "--scheduler", "foo")
+    assert (code, "--scheduler: found 'foo'" in error) == (1, True)
+    assert not (out / "dataset.json").exists()
 
 
 def test_a_dataset_has_cutoffs_and_no_single_one(tmp_path, eres):

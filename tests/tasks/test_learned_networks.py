@@ -438,7 +438,8 @@ def test_wrong_e2vid_checkpoints_are_refused(saved, content, words, capsys):
 
 
 def test_files_that_are_no_checkpoints_are_refused(saved):
-    """Promise: errors say that a file is truncated, has other bytes, is a pickle or a folder."""
+    """Promise: errors say that a file is truncated, damaged, has other bytes, is a pickle or a
+    folder."""
     file = saved(e2vid_checkpoint())
     data = file.read_bytes()
     junk = (b"", b"no checkpoint", b"scenes = 1", b"RIFF", b"J12", pickle.dumps([1], 2))
@@ -446,6 +447,12 @@ def test_files_that_are_no_checkpoints_are_refused(saved):
         file.write_bytes(content)
         with pytest.raises(WeightsError, match=r"PyTorch checkpoint|found a list"):
             e2vid.load(file)
+    middle = len(data) // 2
+    file.write_bytes(
+        data[:middle] + bytes(255 - b for b in data[middle : middle + 9]) + data[middle + 9 :]
+    )
+    with pytest.raises(WeightsError, match=r"damaged: \w+/data/\d+ differs from its checksum"):
+        e2vid.load(file)
     with pytest.raises(WeightsError, match="cannot be read: Is a directory"):
         e2vid.load(file.parent)
     with pytest.raises(WeightsError, match="cannot be read: No such file"):

@@ -401,6 +401,11 @@ def both_shifts(made, folder):
     return options, "found frames-shift-us and estimate-shift, expected one of them"
 
 
+def frames_out_of_int64(made, tmp_path):
+    options = ["--frames", made.frames, "--frames-shift-us", 2**62]
+    return options, "frames-shift-us: found 4611686018427387904, expected less than 2^62 us"
+
+
 def frames_forgotten(made, folder):
     return ["--exposure-us", 5000], "exposure-us: found 5000, expected it only with --frames"
 
@@ -430,7 +435,15 @@ def needs_an_image(made, folder):
 
 BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
 BAD += (time_beyond_any_clock, exposure_in_an_exposure)
-BAD += (both_shifts, frames_forgotten, short, endless, coded_floats, needs_an_image)
+BAD += (
+    both_shifts,
+    frames_out_of_int64,
+    frames_forgotten,
+    short,
+    endless,
+    coded_floats,
+    needs_an_image,
+)
 
 
 @pytest.mark.parametrize("bad", BAD, ids=lambda one: one.__name__)

@@ -422,7 +422,9 @@ def test_weights_without_settings_are_refused(run, tmp_path):
 def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
     """Promise: errors name too little memory, a missing GPU and a diverging loss; those of the
     machine leave no folder behind, so that other settings can be tried in it."""
-    fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1e30, largest_gradient=1e30))
+    fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1.0, weight_decay=1e30))
+    with pytest.raises(TrainingError, match="learning_rate: found 2, expected at most 1"):
+        replace(BRIEF, learning_rate=2.0)
     with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
         trained(tmp_path / "fast", settings=fast)
     monkeypatch.setattr(loop, "memory_bytes", lambda: 1000)

@@ -466,7 +466,7 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         (["{events}", "--rerun", "--out", "{tmp}/o.mp4"], "found both"),
         (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
         (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
-        (["{events}", "--out", "{tmp}/file.mp4/o.mp4"], "cannot be written"),
+        (["{events}", "--out", "{tmp}/file.mp4/o.mp4"], "found a file, expected a folder"),
         (["{tmp}/none.h5", "--out", "{tmp}/o.mp4"], "none.h5: No such file"),
         (["{tmp}/file.mp4", "--out", "{tmp}/o.mp4"], "found extension '.mp4'"),
         (["{tmp}", "--out", "{tmp}/o.mp4"], "manifest.json"),
@@ -492,6 +492,10 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         ),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip, expected files of events"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
+        (
+            ["{events}", "--show", "flow", "--out", "{tmp}/o.mp4"],
+            "show: found flow, expected it only",
+        ),
         (["{clip}", "--over", "{clip}", "--out", "{tmp}/o.mp4"], "over: found only rendered clips"),
     ],
 )

@@ -50,7 +50,7 @@ class Schedule:
     Raises
     ------
     TrainingError
-        A number is not positive.
+        A number is not positive, or the learning rate is above 1.
     """
 
     steps: int = 4800
@@ -65,6 +65,10 @@ class Schedule:
 
     def __post_init__(self) -> None:
         _check_numbers(self)
+        if self.learning_rate > 1:
+            raise TrainingError(
+                f"learning_rate: found {self.learning_rate:g}, expected at most 1; 4e-4 is usual"
+            )
 
     def rate(self, step: int) -> float:
         """Return the learning rate of a step."""

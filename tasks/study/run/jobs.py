@@ -21,7 +21,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import StudySensor, in_radiance
-from tasks.study.settings import LEAST_RESOLUTION, check_buses
+from tasks.study.settings import LEAST_RESOLUTION, check_buses, check_speeds
 from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
@@ -192,6 +192,9 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
+    for stretches in planned:
+        render, simulate, _ = _on(stretches, study)
+        check_speeds(simulate, render)
     _check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
@@ -362,6 +365,11 @@ def _check_path(render: Render, scene: Scene) -> None:
     """Refuse a path without room for a sample."""
     most_s = _most_s(render, scene)
     if render.every_s > most_s * (1 + 1e-9):
+        if most_s <= 0:
+            raise StudyError(
+                f"render.window_s or tracking_window_s: found {render.window_s:g} s, expected less "
+                f"than the path of {scene.name}, {scene.duration_s:g} s long"
+            )
         raise StudyError(
             f"render.every_s: found {render.every_s:g} s, with which no sample fits the path of "
             f"{scene.name}, {scene.duration_s:g} s long, expected at most "
