@@ -334,6 +334,8 @@ def failure_of(
     -------
     The reason, or "".
     """
-    moved = estimate.path is not initial
+    path = estimate.path  # a method may get a copy
+    same = np.array_equal(path.knots_s, initial.knots_s)
+    moved = not (same and np.array_equal(path.controls, initial.controls))
     lost = moved and not succeeded(estimate, error_mm, initial_error_mm)
     return estimate.failure or ("ended far off" if lost else "")

@@ -104,7 +104,7 @@ def _parsed(file: Path, parse: Callable[[str], Any], name: str, error: type[Valu
         raise error(f"{file}: no such file") from None
     except OSError as reason:
         raise error(f"{file}: cannot be read: {reason.strerror}") from reason
-    except ValueError as reason:  # of the parser, or of the decoder
+    except (ValueError, RecursionError) as reason:  # of the parser, or of the decoder
         raise error(f"{file}: not {name}: {reason}") from None
 
 

@@ -186,7 +186,9 @@ class FrameReader:
                     f"expected {self.shape} like the first"
                 )
             if self._room.dtype == np.float32 and _float_type(frame) is np.float64:
-                self._room = self._room.astype(np.float64)
+                room = MEMORY.array(self._room.shape, np.float64)
+                room[:found] = self._room[:found]  # the rest may be anything
+                self._room = room
             self._room[found] = frame
             found += 1
         if found < wanted:

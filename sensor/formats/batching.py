@@ -33,7 +33,7 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
         if not isinstance(part, Events):
             raise EventFormatError(f"part {k}: found {type(part).__name__}, expected Events")
         if first is None:
-            first = part
+            first = part[:0].copy()  # keeps nothing alive
         elif (part.width, part.height, part.model) != (first.width, first.height, first.model):
             if (part.width, part.height) == (first.width, first.height):
                 found, expected = "another SensorModel", "that one"
@@ -55,14 +55,22 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             yield concatenate([*held, part[:cut]])
             held, count, part = [], 0, part[cut:]
         if len(part):
-            held.append(part)
+            held.append(_alone(part))
             count += len(part)
     if first is None:
         raise EventFormatError("parts: found none, expected at least one, which may be empty")
     if held:
         yield concatenate(held)
     elif last_us is None:
-        yield first[:0]
+        yield first
+
+
+def _alone(part: Events) -> Events:
+    """Return the same events without the larger arrays of which they are a part."""
+    for column in part.columns:
+        if isinstance(column.base, np.ndarray) and column.base.nbytes > 2 * column.nbytes:
+            return part.copy()
+    return part
 
 
 def by_time(parts: Iterable[Events]) -> Iterator[Events]:

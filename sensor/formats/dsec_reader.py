@@ -116,7 +116,14 @@ class DsecReader:
                 first, stop = int(self._ms_to_idx[ms]), len(self)
                 if ms + 1 < len(self._ms_to_idx):
                     stop = int(self._ms_to_idx[ms + 1])
-            return first + int(np.searchsorted(self._columns["t"][first:stop], t_us))
+            t = self._columns["t"]
+            is_damaged = not first <= stop <= len(self)
+            found = 0 if is_damaged else first + int(np.searchsorted(t[first:stop], t_us))
+            after_others = found > first or found == 0 or t[found - 1] < t_us
+            before_others = found < stop or found == len(self) or t[found] >= t_us
+            if is_damaged or not (after_others and before_others):
+                raise EventFormatError(f"events: ms_to_idx does not fit the times, near {ms} ms")
+            return found
 
     def part(self, first: int, stop: int) -> Events:
         """Return events by their index in the file.

@@ -9,6 +9,8 @@ from sensor.errors import EventError
 from sensor.events import Columns, Events, whole_us
 from sensor.representations.compiling import jit
 
+_LEAST_TAU_US = 1e-300  # its inverse is finite
+
 
 def event_counts(events: Events) -> NDArray[np.int32]:
     """Count the events of each pixel.
@@ -94,7 +96,7 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
             f"before t_us = {t_us}"
         )
     surface = np.zeros((2, events.height, events.width), np.float32)
-    _decay(events.columns, t_us, tau_us, surface)
+    _decay(events.columns, t_us, max(tau_us, _LEAST_TAU_US), surface)
     return surface
 
 

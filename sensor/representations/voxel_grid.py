@@ -98,6 +98,8 @@ def voxel_grid(
                 f"voxel_grid: found positions of shape {positions.shape}, expected "
                 f"({len(events)}, 2)"
             )
+        if positions.dtype not in (np.float32, np.float64):  # of the order of this machine's bytes
+            positions = positions.astype(np.float64)
         _vote_between_pixels(events.columns, positions, bins_per_us, grid)
     if normalize:
         _normalize(grid.reshape(-1), int(convention == "eraft"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from sensor.errors import EventError
 from sensor.events import Columns, Events, whole_us
 
 _NEVER = -(1 << 63)
+_LARGEST_EDGE_US = 1e18  # int64 holds it
 _LONGEST_US = 1 << 28  # of an edge; a byte or two of memory for each microsecond
 
 
@@ -48,6 +48,10 @@ def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.in
             "two or more integers, strictly ascending from 0 on and below 2^28 us"
         )
     return edges.astype(np.int64)
+
+
+def _in_int64(t_us: int) -> int:
+    return min(max(t_us, _NEVER), -_NEVER - 1)
 
 
 class IntervalHistogram:
@@ -103,8 +107,15 @@ class IntervalHistogram:
         every_row: int = 1,
     ) -> None:
         self.edges_us = _checked_edges(edges_us)
+        if len(window_us) != 2:
+            raise EventError(f"IntervalHistogram: found window_us = {window_us}, expected a pair")
         start_us, end_us = (whole_us("IntervalHistogram", "window_us", t_us) for t_us in window_us)
-        self._window_us = start_us, end_us
+        self._window_us = _in_int64(start_us), _in_int64(end_us)
+        for name, side in (("width", width), ("height", height)):
+            if not isinstance(side, int | np.integer) or side < 1:
+                raise EventError(
+                    f"IntervalHistogram: found {name} = {side!r}, expected an integer from 1 on"
+                )
         if not isinstance(every_row, int | np.integer) or every_row < 1:
             raise EventError(
                 f"IntervalHistogram: found every_row = {every_row!r}, expected an integer from 1 on"
@@ -223,8 +234,8 @@ def log_bin_edges_us(
     Parameters
     ----------
     shortest_us, longest_us
-        First edge, and about the last: the whole number of bins whose last edge is nearest.
-        Positive.
+        First edge, from 1 us on, and about the last, at most 10^18 us: the whole number of bins
+        whose last edge is nearest.
     per_decade
         Number of bins per decade.
 
@@ -235,7 +246,7 @@ def log_bin_edges_us(
     Raises
     ------
     EventError
-        An edge is not positive.
+        An edge or the number of bins is out of range, or there is no bin.
 
     Examples
     --------
@@ -243,11 +254,17 @@ def log_bin_edges_us(
     >>> log_bin_edges_us(10, 1000, per_decade=3)
     array([  10,   22,   46,  100,  215,  464, 1000])
     """
-    if not (0 < shortest_us < math.inf and 0 < longest_us < math.inf):
+    if not 1 <= shortest_us < longest_us <= _LARGEST_EDGE_US:
         raise EventError(
-            f"log_bin_edges_us: found {shortest_us} to {longest_us} us, expected positive times"
+            f"log_bin_edges_us: found {shortest_us} to {longest_us} us, expected times from 1 to "
+            f"{_LARGEST_EDGE_US:g} us, the longest after the shortest"
         )
     decades = np.log10(longest_us / shortest_us)
+    if not decades * per_decade >= 0.5:
+        raise EventError(
+            f"log_bin_edges_us: found per_decade = {per_decade}, expected at least one bin from "
+            f"{shortest_us} to {longest_us} us"
+        )
     steps = np.arange(round(decades * per_decade) + 1) / per_decade
     return np.unique(np.round(shortest_us * 10**steps).astype(np.int64))
 

@@ -187,7 +187,8 @@ def fit_power_law(
     Raises
     ------
     SensorError
-        There are fewer than two sizes or blocks, or the mean at a size is not positive.
+        There are fewer than two sizes or blocks, sizes are not positive or all equal, numbers of
+        weights and blocks differ, or values are not finite, or their mean at a size not positive.
 
     Examples
     --------
@@ -202,7 +203,13 @@ def fit_power_law(
         raise SensorError(
             f"found {len(sizes)} sizes and {len(blocks)} blocks, expected at least 2 of each"
         )
-    weights = np.ones(len(blocks)) if weights is None else weights
+    weights = np.ones(len(blocks)) if weights is None else np.asarray(weights)
+    if not np.all(np.asarray(sizes) > 0) or np.ptp(sizes) == 0:
+        raise SensorError(f"sizes: found {sizes}, expected positive numbers that differ")
+    if weights.shape != (len(blocks),):
+        raise SensorError(f"weights: found shape {weights.shape}, expected ({len(blocks)},)")
+    if not np.all(np.isfinite(blocks)):
+        raise SensorError("blocks: found values that are not finite")
     log_size = np.log(np.asarray(sizes, dtype=np.float64))
     centered = log_size - log_size.mean()
     line = centered / np.sum(centered**2)

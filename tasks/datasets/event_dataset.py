@@ -44,7 +44,8 @@ class EventDataset:
       window's end, and its time `frame_us`. It comes from the clip in the folder from which the
       events were simulated.
     - `flow` (H, W, 2) float32, px, and `flow_valid` (H, W): from `flow_us[0]` to `flow_us[1]`, the
-      interval of the ground truth that contains the window's center. The target `occlusion` is
+      interval of the ground truth that contains the window's center; outside of all intervals
+      nothing is valid, and they are those of the nearest. The target `occlusion` is
       `flow_occluded` (H, W), over the same interval: whether something hides the point at its end.
     - `depth` (H, W), m, `pose` (4, 4), T_world_cam, and `instances` (H, W) uint8, k where moving
       object k is seen and 0 elsewhere: at `truth_us`, the time of the ground truth nearest to the
@@ -119,8 +120,8 @@ class EventDataset:
         self.recordings = find_recordings(Path(folder))
         _check_sizes(self.recordings)
         self.targets = _checked_targets(self.recordings, targets)
-        self.window_us = window_us
-        self.window_events = window_events
+        self.window_us = None if window_us is None else int(window_us)
+        self.window_events = None if window_events is None else int(window_events)
         self.transform = transform
         if window_us is None and window_events is None:
             _check_present(self.recordings, "flow", "give window_us or window_events, or add it")
@@ -274,7 +275,8 @@ def _truth(
     center_us = sum(window_us) // 2
     k = int(np.clip(np.searchsorted(times_us, center_us, "right") - 1, 0, len(times_us) - 2))
     if "flow" in wanted:
-        item |= {"flow": truth["flow"][k], "flow_valid": truth["flow_valid"][k]}
+        inside = times_us[k] <= center_us < times_us[k + 1]
+        item |= {"flow": truth["flow"][k], "flow_valid": truth["flow_valid"][k] & inside}
     if "occlusion" in wanted:
         item["flow_occluded"] = truth["flow_occluded"][k]
     if item:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
@@ -162,7 +163,7 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
     origin = read_header(path).origin
     with DsecReader(path) as reader:
         if "window_start_us" in origin and "window_end_us" in origin:
-            window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
+            window_us = _window_us(path, origin["window_start_us"], origin["window_end_us"])
         else:
             last = len(reader) - 1
             window_us = 0, 0
@@ -173,12 +174,53 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
             truth = reader.file.get("truth", {})
             times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
             targets = [name for name, place in TRUTH.items() if place in truth]
+            shapes = {name: array.shape for name, array in truth.items()}
         first, stop = (reader.index_at(t_us) for t_us in window_us)
         size_px = reader.header.size
+    if times:
+        _check_truth(path, shapes, times, size_px)
     clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
     if clip is not None:
         targets.insert(0, "frame")
     return Recording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
+
+
+def _window_us(path: Path, start: Any, end: Any) -> tuple[int, int]:
+    try:
+        return int(start), int(end)
+    except (TypeError, ValueError):
+        raise TaskError(
+            f"{path}: found window_start_us = {start!r} and window_end_us = {end!r} in its origin, "
+            "expected whole numbers"
+        ) from None
+
+
+def _check_truth(
+    path: Path,
+    shapes: dict[str, tuple[int, ...]],
+    t_us: tuple[int, ...],
+    size_px: tuple[int, int],
+) -> None:
+    """Refuse ground truth whose times do not ascend, or whose arrays do not fit them."""
+    if any(after <= before for before, after in pairwise(t_us)):
+        raise TaskError(f"{path}: truth/t_us: found times that do not ascend")
+    if len(t_us) < 2:
+        raise TaskError(f"{path}: truth/t_us: found one time, expected two or more")
+    width, height = size_px
+    for name, (steps, *shape) in {
+        "flow": (1, height, width, 2),
+        "flow_valid": (1, height, width),
+        "flow_occluded": (1, height, width),
+        "depth": (0, height, width),
+        "instances": (0, height, width),
+        "T_world_cam": (0, 4, 4),
+    }.items():
+        expected = (len(t_us) - steps, *shape)
+        if shapes.get(name, expected) != expected:
+            raise TaskError(
+                f"{path}: truth/{name}: found shape {shapes[name]}, expected {expected} for "
+                f"{len(t_us)} times of {width}x{height} px"
+            )
 
 
 def nearest(times_us: np.ndarray, t_us: int) -> int:

@@ -96,15 +96,14 @@ def ask_each(
 
 
 def _copied(given: Any) -> Any:
-    """Return events or a sample with arrays of its own; its paths are the same objects."""
-    if isinstance(given, Events):
+    """Return arrays, events, or a sample with arrays, events and paths of its own."""
+    if isinstance(given, np.ndarray | Events):
         return given.copy()
     if not is_dataclass(given) or isinstance(given, type):
         return given
     copied = copy(given)
     for one in fields(given):
-        if isinstance(array := getattr(given, one.name), np.ndarray):
-            object.__setattr__(copied, one.name, array.copy())
+        object.__setattr__(copied, one.name, _copied(getattr(given, one.name)))
     return copied
 
 

@@ -36,6 +36,11 @@ class StoredPose:
     direction: Vector3
     scale: float
 
+    def __post_init__(self) -> None:
+        R = np.array(self.R_world_cam)
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
+            raise RigError("R_world_cam: found no rotation, expected the rows of one")
+
     @classmethod
     def of(cls, pose: RigPose) -> StoredPose:
         """Store a pose."""

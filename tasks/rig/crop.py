@@ -56,6 +56,10 @@ class Box:
     right: int
     bottom: int
 
+    def __post_init__(self) -> None:
+        if self.right <= self.left or self.bottom <= self.top:
+            raise RigError(f"box: found {self}, expected right of left, and bottom below top")
+
     @property
     def width(self) -> int:
         """Width, px."""
@@ -109,6 +113,11 @@ class Cropped:
     box: Box
     pose: StoredPose
     latency_ms: float
+
+    def __post_init__(self) -> None:
+        if len(self.lens) != 5:
+            raise RigError(f"lens: found {len(self.lens)} numbers, expected k1, k2, p1, p2 and k3")
+        self.camera()
 
     def camera(self) -> Camera:
         """Return the camera of the crop."""

@@ -111,7 +111,7 @@ class SliderSettings:
         if not self.speeds_mps or not all(0 < speed < math.inf for speed in self.speeds_mps):
             raise RigError(f"speeds_mps: found {self.speeds_mps}, expected positive numbers")
         for speed in self.speeds_mps:
-            if speed**2 > self.travel_m * self.acceleration_mps2:
+            if speed > math.sqrt(self.travel_m * self.acceleration_mps2):
                 raise RigError(
                     f"speeds_mps: found {speed}, which acceleration_mps2 = "
                     f"{self.acceleration_mps2:g} does not reach within travel_m = {self.travel_m:g}"
@@ -156,6 +156,9 @@ class CameraSettings:
         pair = self.pitch_um, self.focal_mm
         if (self.fx is None) == (None in pair) or (None in pair and pair != (None, None)):
             raise RigError("camera: expected either fx, or both pitch_um and focal_mm")
+        for name in ("pitch_um", "focal_mm"):
+            if (value := getattr(self, name)) is not None:
+                check_positive(name, value, RigError)
         self.camera()
 
     def camera(self) -> Camera:

@@ -3,6 +3,7 @@
 import itertools
 import time
 import tracemalloc
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from decimal import ROUND_HALF_UP, Decimal, localcontext
@@ -184,6 +185,22 @@ CANNOT = {
     ),
     "kind": ("npz", [np.zeros(3)], "part 0: found ndarray, expected Events"),
 }
+
+
+def test_parts_of_larger_arrays_do_not_keep_them():
+    """Promise: a few parts are in memory at a time, also if they are slices."""
+    whole = [random_events(10_000) for _ in range(5)]
+    arrays = [weakref.ref(one.x) for one in whole]
+    kept = []
+
+    def slices():
+        for k in range(len(arrays)):
+            yield whole.pop(0)[:10].later(10**6 * k)
+        kept.extend(array for array in arrays[:-1] if array() is not None)
+
+    (found,) = parts.rebatch(slices())
+    assert len(found) == 50
+    assert kept == []
 
 
 @pytest.mark.parametrize("case", CANNOT)

@@ -91,8 +91,45 @@ def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
     assert np.all(np.diff(np.log10(edges[10:])) == pytest.approx(0.1, abs=0.005))
     assert mode_us([10, 20, 80], [100, 150]) == pytest.approx(math.sqrt(200))
     assert mode_us([10, 20, 80], [0, 0]) is None
-    with pytest.raises(EventError, match="found 0 to 1000 us, expected positive times"):
-        log_bin_edges_us(0, 1000)
+    for span_us in ((0, 1000), (0.1, 1), (100, 1), (10, 1e30), (10, np.nan)):
+        with pytest.raises(EventError, match=r"expected times from 1 to 1e\+18 us"):
+            log_bin_edges_us(*span_us)
+    for per_decade in (0, -1, np.nan):
+        with pytest.raises(EventError, match=r"per_decade = .* expected at least one bin"):
+            log_bin_edges_us(10, 1000, per_decade)
+
+
+def test_windows_of_a_histogram_may_reach_beyond_any_event():
+    """Promise: the same counts as in the largest window, in any order of calls; wrong arguments are
+    named."""
+    x = np.zeros(3, np.uint16)
+    events = Events(np.array([0, 20, 50]), x, x, np.ones(3, np.int8), width=1, height=1)
+    for window_us in ((0, 100), (0, 2**63), (-(2**70), 2**70)):
+        histogram = IntervalHistogram(1, 1, [10, 25, 40], window_us)
+        histogram.add(events)
+        np.testing.assert_array_equal(histogram.counts, [1, 1])
+    for arguments, said in (
+        ((1, 1, [1, 2], (0,)), r"window_us = \(0,\), expected a pair"),
+        ((2.0, 1, [1, 2], (0, 1)), "width = 2.0, expected an integer from 1 on"),
+        ((1, -1, [1, 2], (0, 1)), "height = -1, expected an integer from 1 on"),
+    ):
+        with pytest.raises(EventError, match=said):
+            IntervalHistogram(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "blocks", "weights", "said"),
+    [
+        ([0, 3], [[2, 1], [2, 1]], None, "sizes: found"),
+        ([3, 3], [[2, 1], [2, 1]], None, "sizes: found"),
+        ([1, 3], [[np.inf, 1], [2, 1]], None, "blocks: found values that are not"),
+        ([1, 3], [[2, 1], [2, 1]], [1, 1, 1], r"weights: found shape \(3,\), expected \(2,\)"),
+    ],
+)
+def test_what_has_no_power_law_is_refused(sizes, blocks, weights, said):
+    """Promise: an error names the argument, in place of a law of NaN."""
+    with pytest.raises(SensorError, match=said):
+        fit_power_law(np.array(sizes), np.array(blocks, float), weights)
 
 
 def test_hundreds_of_bins_do_not_wrap():

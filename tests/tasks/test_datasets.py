@@ -15,7 +15,7 @@ import pytest
 from eres_render import SequenceError, ground_truth, load_scene, open_sequence, render_scene
 from event_streams import assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import EventError, Events, SensorModel
+from sensor import EventError, EventFormatError, Events, SensorModel
 from sensor.formats import Header, load_events, read_header, write_events
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import integrate
@@ -62,6 +62,68 @@ def test_any_window_of_a_file(tmp_path):
     for bad in (5000.0, np.float64(0.5), "5000"):
         with pytest.raises(EventError, match=r"DsecReader: found t_us = .*, expected whole micro"):
             DsecReader(str(empty)).between(0, bad)
+
+
+@pytest.mark.parametrize("damage", ["later", "zeros", "beyond"])
+def test_an_index_that_does_not_fit_is_an_error(damage, tmp_path):
+    """Promise: a window never has events of another time."""
+    path = tmp_path / "a.h5"
+    write_events(path, random_events(3000, mean_us=7, start_us=5_000))
+    with h5py.File(path, "r+") as file:
+        if damage == "later":
+            file["events/t"][...] += 10_000
+        else:
+            file["ms_to_idx"][...] = 0 if damage == "zeros" else 2**63
+    with (
+        DsecReader(path) as reader,
+        pytest.raises(EventFormatError, match="ms_to_idx does not fit"),
+    ):
+        reader.between(8_000, 12_000)
+
+
+def truth_of(path, t_us, **arrays):
+    """A file of events over 100 ms, and ground truth for it."""
+    t, x = np.arange(0, 100_000, 100), np.zeros(1000, np.uint16)
+    write_events(path, Events(t, x, x, np.ones(1000, np.int8), width=8, height=6))
+    with h5py.File(path, "r+") as file:
+        for name, values in {"t_us": np.array(t_us), **arrays}.items():
+            file[f"truth/{name}"] = values
+
+
+@pytest.mark.parametrize(
+    ("t_us", "steps", "size", "said"),
+    [
+        (
+            [0, 10_000, 20_000],
+            1,
+            (6, 8),
+            r"flow: found shape \(1, 6, 8, 2\), expected \(2, 6, 8, 2",
+        ),
+        (
+            [0, 10_000, 20_000],
+            2,
+            (3, 3),
+            r"flow: found shape \(2, 3, 3, 2\), expected \(2, 6, 8, 2",
+        ),
+        ([20_000, 10_000, 0], 2, (6, 8), "t_us: found times that do not ascend"),
+        ([0], 0, (6, 8), "t_us: found one time, expected two or more"),
+    ],
+)
+def test_truth_that_does_not_fit_is_refused(t_us, steps, size, said, tmp_path):
+    """Promise: before any window is read, so that a loop never ends early."""
+    flow = np.zeros((steps, *size, 2), np.float32)
+    truth_of(tmp_path / "a.h5", t_us, flow=flow, flow_valid=np.ones((steps, *size), bool))
+    with pytest.raises(TaskError, match=rf"a\.h5: truth/{said}"):
+        EventDataset(tmp_path)
+
+
+def test_flow_outside_of_the_truth_is_not_valid(tmp_path):
+    """Promise: a window whose center is in no interval has no valid flow."""
+    flow = np.ones((2, 6, 8, 2), np.float32)
+    truth_of(tmp_path / "a.h5", [0, 10_000, 20_000], flow=flow, flow_valid=np.ones((2, 6, 8), bool))
+    for length in (10_000, np.int32(10_000), np.uint16(10_000)):
+        dataset = EventDataset(tmp_path, window_us=length)
+        assert [bool(item["flow_valid"].all()) for item in dataset] == [True, True] + 7 * [False]
 
 
 def test_a_file_is_closed_after_use_and_after_damage(tmp_path):

@@ -2,16 +2,17 @@
 
 import math
 import traceback
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
 
-from eres_render import load_scene, path_through
+from eres_render import Trajectory, load_scene, path_through
 from finished_runs import page_of
 from sensor import Events
 from small_study import only
 from tasks.errors import MethodError, TaskError
+from tasks.evaluation.answers import ask
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import task_of
 from tasks.reconstruction import ReconstructionSample
@@ -30,7 +31,7 @@ from tasks.study.config import (
 )
 from tasks.study.run import local, run_study
 from tasks.study.run.jobs import jobs_of, trials
-from tasks.tracking import TrackingEstimate, TrackingSample
+from tasks.tracking import TrackingEstimate, TrackingSample, failure_of
 
 HERE = __name__
 
@@ -231,6 +232,32 @@ def overwritten(sample):
         if isinstance(array := getattr(sample, one.name), np.ndarray):
             array[...] = 1
     return sample
+
+
+def test_a_sample_in_a_sample_is_copied_too():
+    """Promise: events of two windows and paths, with arrays of their own, stay as they are."""
+    x = np.array([0, 1], np.uint16)
+    events = Events(np.array([10, 20]), x, x, np.array([1, -1], np.int8), width=64, height=64)
+    path = path_through([0.0, 1.0], np.tile(np.eye(4), (2, 1, 1)))
+    controls = path.controls.copy()
+
+    @dataclass(frozen=True)
+    class Sample:
+        before: Events
+        initial: Trajectory
+
+    def changes(sample):
+        sample.before.t_us[:] = 0
+        sample.initial.controls[:, 0, 3] += 1.0
+        return sample
+
+    changed, _ = ask("tracking", f"{HERE}:changes", changes, Sample(events, path))
+    assert changed.before.t_us.tolist() == [0, 0]
+    assert events.t_us.tolist() == [10, 20]
+    np.testing.assert_array_equal(path.controls, controls)
+    moved, still = (TrackingEstimate(one) for one in (changed.initial, replace(path)))
+    assert failure_of(moved, path, 1000.0, 10.0) == "ended far off"
+    assert failure_of(still, path, 10.0, 10.0) == ""
 
 
 class Overwriting(Blank):

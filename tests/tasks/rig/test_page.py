@@ -163,6 +163,8 @@ def test_settings_are_read(tmp_path):
         ("pitch_um = 18.5", "fx = 400.0", "either fx, or both pitch_um and focal_mm"),
         ("[0.2, 0.4]", "[0.2, 4.0]", "does not reach"),
         ("[0.2, 0.4]", "[]", "speeds_mps: found"),
+        ("[0.2, 0.4]", "[1e200]", "does not reach"),
+        ("pitch_um = 18.5", "pitch_um = 0", "pitch_um: found 0.0, expected a positive"),
         ("travel_m = 0.2", "travel_m = -1.0", "travel_m: found -1.0"),
         ("travel_m", "travels_m", "travels_m: unknown"),
         ('picture = "pebbles"', 'picture = "../photo.png"', "name of a file beside rig.toml"),

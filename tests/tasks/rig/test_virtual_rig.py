@@ -253,6 +253,31 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     assert median["high_pass_filter"] > median["blank"]
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("lens", [0.0] * 6, "lens: found 6 numbers, expected k1, k2, p1, p2 and k3"),
+        ("width", 0, "Camera"),
+        ("box", {"left": 5, "top": 0, "right": 3, "bottom": 9}, "box: .*expected right of left"),
+        ("pose", {"R_world_cam": [[0.0] * 3] * 3}, "R_world_cam: found no rotation"),
+    ],
+)
+def test_a_wrong_crop_is_refused(field, value, said, tmp_path):
+    """Promise: an error names the file and the field, before anything is computed from it."""
+    pose = {"R_world_cam": np.eye(3).tolist(), "origin_m": [0, 0, 0], "direction": [1, 0, 0]}
+    stored = {
+        **{"scene": "rocks", "width": 8, "height": 6, "fx": 9.0, "fy": 9.0, "cx": 4.0, "cy": 3.0},
+        **{"lens": [0.0] * 5, "box": {"left": 0, "top": 0, "right": 8, "bottom": 6}},
+        **{"pose": {**pose, "scale": 1.0}, "latency_ms": 0.0},
+    }
+    (tmp_path / "crop.json").write_text(json.dumps(stored))
+    assert read_crop(tmp_path).camera().width == 8
+    stored[field] = {**stored[field], **value} if field == "pose" else value
+    (tmp_path / "crop.json").write_text(json.dumps(stored))
+    with pytest.raises(RigError, match=rf"crop\.json: .*{said}"):
+        read_crop(tmp_path)
+
+
 def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, tmp_path):
     """Promise: clocks that overlap for less than 100 us, or not at all, are an error in one
     line."""
