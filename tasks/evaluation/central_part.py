@@ -1,4 +1,4 @@
-"""The part of square frames that a sensor of another shape sees, as a sequence of its own."""
+"""The central part of frames that a sensor of another shape sees, as a sequence of its own."""
 
 from __future__ import annotations
 

@@ -369,11 +369,13 @@ class Study:
                 )
 
 
-def check_speeds(simulate: Simulate, render: Render) -> None:
+def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
     """Refuse speeds at which a window is shorter than a microsecond, or longer than half an hour.
 
     Parameters
     ----------
+    place
+        Name of the field with the speeds, for the error.
     simulate
         The sensors, with their speeds as factors.
     render
@@ -389,7 +391,7 @@ def check_speeds(simulate: Simulate, render: Render) -> None:
     for speed in simulate.speeds:
         if not least <= speed <= most:
             raise StudyError(
-                f"speeds: found {speed:g} times the base speed, at which a window of "
+                f"{place}: found {speed:g} times the base speed, at which a window of "
                 f"{1e3 * render.window_s:g} ms lasts {render.window_s / speed:.3g} s, expected "
                 f"{least:.3g} to {most:g}"
             )

@@ -167,6 +167,11 @@ def test_claims_are_counted_and_named() -> None:
         "Of 4 claims that this run measures, 3 hold (1, 2, 5), 1 does not (3) and none is "
         "undecided."
     )
+    of_one = [replace(one, number=10) for one in verdicts(yes, no)]
+    assert " ".join(claim_counts({"two_pole": [*first, *of_one]}).split()) == (
+        "Of 5 claims that this run measures, 3 hold (1, 2, 5), 2 do not (3, 10) and none is "
+        "undecided."
+    )
     other = verdicts(yes, no, open_, unknown, unknown)
     text = claim_counts({"two_pole": first, "v2e": other, "one_pole": first})
     assert " ".join(text.split()).endswith(

@@ -17,6 +17,8 @@ from tasks.study.claims.judge import CLAIMS, claims_of, judge_all, judge_reading
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
+from tasks.study.results.cells import Condition
+from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
@@ -237,6 +239,27 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         ResultError, match=r"other.*: weights: found those of .*one, expected others"
     ):
         scores_of_run(one, other)
+
+
+def test_joined_runs_do_not_widen_intervals_of_methods_without_weights() -> None:
+    """Promise: claims without a network have the verdicts and intervals of one run."""
+    rows = [
+        replace(row, value=row.value + row.width * (7919 * row.sample % 5) / 4000, method=method)
+        for method in ("high_pass_filter", "our_reconstruction_all_light")
+        for row in paper_rows(HF)
+    ]
+    joined = [replace(row, item=2 * row.item + k) for k in (0, 1) for row in rows]
+    one, both = Scores(rows), Scores(joined, trainings=2)
+    night = [Condition("carpet", width, 50.0, 1.0) for width in (240, 1280)]
+    network = HF._replace(method="our_reconstruction_all_light")
+
+    def lead(scores: Scores, series: Series) -> Estimate:
+        cells = {at.width: scores.cell(series, at) for at in night}
+        return estimate(lambda medians: medians[1280] - medians[240], cells)
+
+    assert lead(one, HF).low < lead(one, HF).high
+    assert lead(both, HF) == lead(one, HF)
+    assert lead(both, network).high > lead(one, network).high
 
 
 def test_other_software_of_joined_runs_is_said(

@@ -240,12 +240,12 @@ def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
         (
             "speeds = [1e6]",
             QUIET,
-            r"speeds: found 1e\+06 times .* lasts 5e-08 s, expected 2.5e-05 to",
+            r"simulate.speeds: found 1e\+06 times .* lasts 5e-08 s, expected 2.5e-05 to",
         ),
         (
             "speeds_m_s = [1e-12]",
             QUIET,
-            r"speeds: found 1\.11111e-12 times .* lasts 4\.5e\+10 s, expected",
+            r"simulate.speeds_m_s: found 1\.11111e-12 times .* lasts 4\.5e\+10 s, expected",
         ),
         ("", "[render]\nwindow_s = 100", "window_s: found 100 s, expected less than the path of c"),
         (

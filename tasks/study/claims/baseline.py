@@ -39,7 +39,7 @@ class BaselineClaim(Claim):
         """
         found = {one: _outcomes(scores, one) for one in shown_series(scores) if one.is_method}
         counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
-        scope = scope_text(samples=min(counts, default=0))
+        scope = scope_text(samples=min(counts, default=None))
         outcomes = [outcome for of_series in found.values() for outcome in of_series.values()]
         ours = "\n".join(_text(*one) for one in found.items()) or "no rows of any method"
         return self.verdict(outcomes, ours, "not reported", scope)

@@ -20,7 +20,7 @@ from tasks.study.results.metrics import Series
 _OTHER_NIGHTS_HZ = 100.0, 20.0  # the second is slower than anything in training
 _NOTE = (
     "The twin learned from the same crops in ideal light alone; everything else about its training "
-    "is the same. Gain and cost are at 1280 px. The numbers are those of one pair of trainings."
+    "is the same. Gain and cost are at 1280 px."
 )
 
 

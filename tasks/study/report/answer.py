@@ -20,7 +20,7 @@ from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
-from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
@@ -98,11 +98,14 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     measured = [one for one in verdicts if one.status is not Status.NOT_MEASURED]
     if not measured:
         return "None of the paper's claims is about this run."
-    by_status: dict[Status, list[str]] = {status: [] for status in _WORDS}
+    parts: dict[int, list[Status]] = {}  # of claims, by their number
     for one in measured:
-        by_status[one.status].append(str(one.number))
+        parts.setdefault(one.number, []).append(one.status)
+    by_status: dict[Status, list[str]] = {status: [] for status in _WORDS}
+    for number, statuses in parts.items():
+        by_status[status_of(statuses)].append(str(number))
     counts = [_counted(status, numbers) for status, numbers in by_status.items()]
-    text = f"Of {len(measured)} claims that this run measures, {join_words(counts)}."
+    text = f"Of {len(parts)} claims that this run measures, {join_words(counts)}."
     for name in [*judged][1:]:
         changed = changed_verdicts({"": verdicts, name: judged[name]})
         named = [f"{there.number} {_WORDS[there.status][0]}" for _, there in changed]
@@ -235,7 +238,7 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
     Raises
     ------
     ResultError
-        The page cannot be read, has no such comments, or they name none of `answers`.
+        The page cannot be read, has no such comments, or one of them names none of `answers`.
     """
     expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
     try:

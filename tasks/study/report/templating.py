@@ -37,7 +37,6 @@ TEMPLATES.globals |= {
     ),
     "TASKS": TASKS,
     "MIN_SAMPLES": MIN_SAMPLES_FOR_INTERVAL,
-    "MISSING": words.MISSING,
     "REQUIRED_SUCCESS": perturbation.REQUIRED_SUCCESS,
     "TRACKING": perturbation.TRACKING,
 }

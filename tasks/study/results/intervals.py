@@ -129,7 +129,7 @@ class Medians(Generic[Key]):
         values = each({key: self._values(key) for key in keys})
         if not self.drawn:
             return np.asarray(np.median(values))
-        cell = self.cells[keys[0]]
+        cell = max((self.cells[key] for key in keys), key=lambda one: one.trainings)
         return resampled_medians(values, cell.sample, cell.training, cell.scene)
 
     def difference(self, one: Key, other: Key) -> NDArray[np.float64]:

@@ -379,13 +379,15 @@ class Scores:
         kept = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
         samples = sorted({sample for sample, _ in kept})
         index = {sample: i for i, sample in enumerate(samples)}
+        # Joined runs repeat methods without weights; only networks differ between trainings.
+        trainings = self._trainings if series.method in TASKS[series.task].networks else 1
         return Cell(
             scene=scene,
             values=np.array([rows[key].value for key in kept], dtype=np.float64),
             event_rates_hz=np.array([rows[key].event_rate_hz for key in kept], dtype=np.float64),
             failed=np.array([rows[key].failure != "" for key in kept], dtype=np.bool_),
             sample=np.array([index[sample] for sample, _ in kept], dtype=np.int64),
-            training=np.array([item % self._trainings for _, item in kept], dtype=np.int64),
+            training=np.array([item % trainings for _, item in kept], dtype=np.int64),
             expected=len(expected),
         )
 

@@ -20,11 +20,10 @@ from tasks.evaluation.timings import JobTimings, of_one_job, timings_file
 from tasks.provenance import environment
 from tasks.row import Row
 from tasks.study.config import digest
+from tasks.study.run.estimate import estimate_job
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
 from tasks.study.run.jobs import Job
-
-_BYTES_PER_PX_S = 4500  # space for 2250 half-float frames per second of path
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +64,8 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
     Scores, files for the run's folder, and the environment.
     """
     light = _light_of(job, on_progress)
-    seconds = job.clip.t_window_end_s - job.clip.t_start_s
-    pixels = job.render.resolution * job.render.height_at(job.render.resolution)
-    needed_bytes = round(seconds * _BYTES_PER_PX_S * pixels)
     with (
-        frames_folder(light.key(job), needed_bytes) as folder,
+        frames_folder(light.key(job), round(estimate_job(job).frame_bytes)) as folder,
         clip_in_progress(
             light.renderer, job.clip, folder, job.render.max_displacement_px
         ) as sequence,

@@ -194,7 +194,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
     for stretches in planned:
         render, simulate, _ = _on(stretches, study)
-        check_speeds(simulate, render)
+        check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
     _check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
@@ -277,21 +277,29 @@ def _jobs_on(
     else:
         found = _spread_clips(render, scene, simulate, before_s)
     if isinstance(tracking := tasks.get("tracking"), Tracking):
-        _check_tracked(render, simulate, 1e-6 * tracking.delay_us)
+        place = _place_of_speeds(simulate, stretches)
+        _check_tracked(place, render, simulate, 1e-6 * tracking.delay_us)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 
 
-def _check_tracked(render: Render, simulate: Simulate, delay_s: float) -> None:
+def _check_tracked(place: str, render: Render, simulate: Simulate, delay_s: float) -> None:
     """Refuse speeds at which the window ends before the path that is tracked, and its delay."""
     needed_s = PATH_S + delay_s
     most = render.window_s / needed_s
     if max(simulate.speeds) > most * (1 + 1e-9):
         raise StudyError(
-            f"simulate.speeds: found {max(simulate.speeds):.3g} times the base speed, with windows "
+            f"{place}: found {max(simulate.speeds):.3g} times the base speed, with windows "
             f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
             f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
         )
+
+
+def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
+    """Return the name of the field with the speeds of some stretches."""
+    if stretches.speeds:
+        return "evaluate.flow.fast_speed"
+    return f"simulate.{'speeds' if simulate.speeds_m_s is None else 'speeds_m_s'}"
 
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:

@@ -44,7 +44,7 @@ def _law_text(law: PowerLaw | None) -> str:
 def interval_plot(
     one: Scaling, base: BaseSpeeds = PACKAGED, names: Mapping[int, str] = MappingProxyType({})
 ) -> Plot:
-    """Plot histograms: highest cutoff at base speed, lowest cutoff at base and at highest speed.
+    """Plot histograms: highest cutoff at the lowest speed, lowest cutoff at both extreme speeds.
 
     Parameters
     ----------
