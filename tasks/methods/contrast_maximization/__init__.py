@@ -4,9 +4,8 @@ Gallego, Rebecq and Scaramuzza, "A Unifying Contrast Maximization Framework" (CV
 moved along the flow to one time, and their image is sharpest for the true flow.
 """
 
-from tasks.methods.contrast_maximization.contrast import EVEN_OFFSET_PX, REFERENCE_TIME, Contrast
+from tasks.methods.contrast_maximization.contrast import EVEN_OFFSET_PX, Contrast
 from tasks.methods.contrast_maximization.estimator import (
-    MIN_EVENTS,
     estimate,
     estimate_by_gradient,
     estimate_by_plain_variance,
@@ -14,8 +13,6 @@ from tasks.methods.contrast_maximization.estimator import (
 
 __all__ = [
     "EVEN_OFFSET_PX",
-    "MIN_EVENTS",
-    "REFERENCE_TIME",
     "Contrast",
     "estimate",
     "estimate_by_gradient",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
 from tasks.study.results.asked import CutoffInLux, MetersPerSecond
-from tasks.study.results.paper import BASE_SPEED_M_PER_S
+from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ
 
 MISSING = "–"
 
@@ -17,11 +17,14 @@ BaseSpeeds = Mapping[str, float]
 PACKAGED: BaseSpeeds = BASE_SPEED_M_PER_S
 
 
+_OF_THE_PAPER = dict(zip(CUTOFFS_HZ, ("ideal", "day", "night"), strict=True))
+
+
 def cutoff_label(cutoff_hz: float) -> str:
     """Name a light as in the paper (ideal, day, night), in lux if the study gives lux, or in Hz."""
     if isinstance(cutoff_hz, CutoffInLux):
         return f"{cutoff_hz.illuminance_lux:g} lux"
-    return {math.inf: "ideal", 200.0: "day", 50.0: "night"}.get(cutoff_hz, f"{cutoff_hz:g} Hz")
+    return _OF_THE_PAPER.get(cutoff_hz, f"{cutoff_hz:g} Hz")
 
 
 def cutoff_detail(cutoff_hz: float) -> str:

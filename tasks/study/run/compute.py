@@ -12,14 +12,13 @@ from eres_render.progress import Progress
 from eres_render.rendering.backend import release_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
-from sensor.optics import crop_to_aspect
 from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.timings import JobTimings, of_one_job, timings_file
 from tasks.provenance import environment
 from tasks.row import Row
-from tasks.study.config import digest
+from tasks.study.config import Render, digest
 from tasks.study.run.estimate import estimate_job
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
@@ -77,7 +76,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
         timings: list[JobTimings] = []
         before = replace(sequence.rendered)
         reference = None
-        for seen, of_shape in _by_shape(settings, sequence).items():
+        for seen, of_shape in _by_shape(settings, job.render).items():
             result = evaluate(
                 *central_part(sequence, light.truth(sequence), *seen),
                 of_shape,
@@ -97,16 +96,12 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
     return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))
 
 
-def _by_shape(
-    settings: Sequence[Setting], sequence: RadianceSequence
-) -> dict[tuple[int, int], list[Setting]]:
+def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:
     """Group sensors by width and height of the part of the frames that they see."""
     found: dict[tuple[int, int], list[Setting]] = {}
     for setting in settings:
-        size = setting.model.height, setting.model.width
-        rows, columns = crop_to_aspect(sequence.height, sequence.width, *size)
-        seen = columns.stop - columns.start, rows.stop - rows.start
-        found.setdefault(seen, []).append(setting)
+        seen_px = render.seen_px(setting.model.width, setting.model.height)
+        found.setdefault(seen_px, []).append(setting)
     return found
 
 
