@@ -493,7 +493,7 @@ def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
 
 
 def own_section() -> Section:
-    template = TEMPLATES.from_string("<p>{{ data|join(', ') }}</p>{{ MISSING }}")
+    template = TEMPLATES.from_string("<p>{{ data|join(', ') }}</p>{{ TASKS|length }}")
     return Section("mine", "Mine", "What I see", template, lambda run: ["<a>", *run.scenes])
 
 
@@ -507,7 +507,7 @@ def test_a_section_of_your_own(tmp_path: Path) -> None:
     page = without_space(page_of(tmp_path, sections=[*SECTIONS, mine, none]))
     assert '<a href="#mine">Mine</a>' in page
     assert '<section id="mine" aria-labelledby="h-mine"><h2 id="h-mine">What I see</h2>' in page
-    assert "<p>&lt;a&gt;, carpet</p>–" in page
+    assert "<p>&lt;a&gt;, carpet</p>5" in page
     assert "Nothing to see" not in page
 
 
