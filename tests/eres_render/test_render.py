@@ -348,7 +348,7 @@ def test_frames_without_a_manifest_are_not_taken_for_others(small_carpet, uninte
 
 def test_a_place_that_is_no_folder_is_refused(tmp_path, renderer):
     (tmp_path / "file").write_text("")
-    with pytest.raises(RenderError, match=r"file/clip: cannot be written: Not a directory"):
+    with pytest.raises(RenderError, match=r"file: found a file, expected a folder"):
         render_clip(renderer, CLIP, tmp_path / "file" / "clip", 0.25)
 
 
