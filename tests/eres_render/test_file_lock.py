@@ -73,7 +73,8 @@ def test_a_lock_is_held_alone_or_shared_until_death(holder, tmp_path):
 
 def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(RenderError, match=r"file: found a file, expected a folder"), locked(tmp_path / "file/x"):
+    said = "file: found a file, expected a folder"
+    with pytest.raises(RenderError, match=said), locked(tmp_path / "file/x"):
         pass
 
 
