@@ -221,7 +221,9 @@ def read_images(files: list[Path]) -> Iterator[NDArray[np.generic]]:
 def _read(file: Path) -> NDArray[np.generic]:
     kind = _KINDS.get(file.suffix.lower())
     if kind is None:
-        raise TaskError(f"{file}: expected an image of type {', '.join(_KINDS)}")
+        raise TaskError(
+            f"{file}: found extension {file.suffix!r}, expected one of {', '.join(_KINDS)}"
+        )
     if kind == "exr":
         return _checked(file, _read_exr(file))
     data = file.read_bytes()

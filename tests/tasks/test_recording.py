@@ -401,6 +401,14 @@ def both_shifts(made, folder):
     return options, "found frames-shift-us and estimate-shift, expected one of them"
 
 
+def unknown_images(made, folder):
+    frames = made.write_frames(folder / "frames")
+    table = frames / "frames.csv"
+    table.write_text(table.read_text().replace("000.png", "000.bmp"))
+    (frames / "000.png").rename(frames / "000.bmp")
+    return ["--frames", frames], "000.bmp: found extension '.bmp', expected one of .png"
+
+
 def frames_out_of_int64(made, tmp_path):
     options = ["--frames", made.frames, "--frames-shift-us", 2**62]
     return options, "frames-shift-us: found 4611686018427387904, expected less than 2^62 us"
@@ -438,6 +446,7 @@ BAD += (time_beyond_any_clock, exposure_in_an_exposure)
 BAD += (
     both_shifts,
     frames_out_of_int64,
+    unknown_images,
     frames_forgotten,
     short,
     endless,
