@@ -24,6 +24,7 @@ from eres_render.progress import Progress, silent
 from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.scene import BAKE_VERSION, Scene
+from eres_render.storage.atomic import make_folder
 from eres_render.storage.cache import cache_dir
 from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
 from eres_render.storage.locks import locked
@@ -72,7 +73,7 @@ def bake_scene(
         If nothing can be written into the folder; before anything is baked.
     """
     folder = Path(folder) if folder else scene.folder
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder):
         pass  # where nothing can be written, say so before minutes of work
     settings = scene.settings.bake

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import make_folder
 from tasks.errors import TaskError
 from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
@@ -130,7 +131,7 @@ def write_video(
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
-    out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     try:
         unfinished.mkdir()
         images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, Distortion
 from eres_render.progress import Progress, silent
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import make_folder, write_text
 from eres_render.storage.settings_reader import read_json
 from eres_render.trajectory.tum import tum_text
 from sensor import Events
@@ -299,7 +299,7 @@ def crop(
 
 def _write(folder: Path, recording: Recording, cropped: Cropped) -> None:
     """Write a crop; a folder without its last file, crop.json, is none."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     (folder / FILE_NAME).unlink(missing_ok=True)
     page = recording.page
     codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)

@@ -15,7 +15,7 @@ from eres_render.calibration import write_camera
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.sequence.manifest import read_manifest
-from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.atomic import make_folder, write_bytes, write_text
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.tum import tum_text
 from tasks.errors import RigError
@@ -238,7 +238,7 @@ def write_page_scene(
     pose
         Where the camera is for each position of the slider.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])
     seen = [on_page(pose, camera, camera.grid(2), x) for x in (slider.x_m.min(), slider.x_m.max())]
     wall = _MARGIN * max(float(np.abs(np.array(seen) - middle).max()), page.width_m, page.height_m)
