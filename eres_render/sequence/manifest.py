@@ -18,7 +18,7 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json, read_typed
 
 FORMAT_VERSION = 2
-RENDER_VERSION = 6
+RENDER_VERSION = 7
 """Raise it when the same settings give other frames: no sequence then mixes old and new ones."""
 
 

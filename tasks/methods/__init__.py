@@ -21,6 +21,9 @@ from tasks.registry import TASKS, load
 # Raise a method's number (1 by default) when its results change: studies then recompute the jobs
 # that use the method.
 METHOD_VERSIONS = {
+    "contrast_maximization": 2,
+    "contrast_maximization_by_gradient": 2,
+    "contrast_maximization_by_plain_variance": 2,
     "e2vid": 2,
     "our_reconstruction_all_light": 2,
     "our_reconstruction_ideal_light": 2,
@@ -28,6 +31,7 @@ METHOD_VERSIONS = {
     "photometric_flow_by_descent": 2,
     "photometric_flow_unknown_contrast": 3,
     "photometric_flow_with_delay": 3,
+    "photometric_tracking_with_delay": 2,
 }
 
 

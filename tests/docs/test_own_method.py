@@ -145,7 +145,7 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "edited_method.py"
     file.write_text("def estimate(sample): ...\n")
-    before = code_of(["contrast_maximization", "edited_method:estimate"])
+    before = code_of(["event_integration", "edited_method:estimate"])
     file.write_text("def estimate(sample): return 1\n")
     assert list(before) == ["edited_method:estimate"]
     assert code_of(["edited_method:estimate"]) != before
@@ -154,8 +154,8 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     before = code_of(["edited_package:estimate"])
     file.write_text("def estimate(sample): return 2\n")
     assert code_of(["edited_package:estimate"]) != before
-    monkeypatch.setitem(METHOD_VERSIONS, "contrast_maximization", 2)
-    assert code_of(["contrast_maximization"]) == {"contrast_maximization": "2"}
+    monkeypatch.setitem(METHOD_VERSIONS, "event_integration", 2)
+    assert code_of(["event_integration"]) == {"event_integration": "2"}
 
 
 def test_several_tasks_can_take_classes(page):

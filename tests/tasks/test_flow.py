@@ -297,13 +297,18 @@ def votes(column, row, shape):
     return image
 
 
+@pytest.mark.parametrize("at_bound", [False, True])
 @pytest.mark.parametrize("objective", ["variance", "gradient", "plain variance"])
-def test_contrast_is_that_of_a_slow_reference(translating, objective):
+def test_contrast_is_that_of_a_slow_reference(translating, objective, at_bound):
     """Promise: votes minus those of an even distribution, blurred by 1 px, squared or their slopes;
-    the plain variance is that of the blurred votes alone, but for a constant."""
+    the plain variance is that of the blurred votes alone, but for a constant.
+
+    No vote is lost, and no part of its blur, at the flow that is farthest from zero either.
+    """
     (sample,) = samples(translating, 1, 1.0)
     sample = replace(sample, **{k: getattr(sample, k)[::7] for k in ("x_px", "y_px", "t")})
-    flow, far = np.array([9.0, 6.0]), 20
+    reach, far = 20.0, 40
+    flow = sample.initial + reach * np.sign(sample.initial) if at_bound else np.array([9.0, 6.0])
     (left, top), (right, bottom) = sample.patch
     shape = (bottom - top + 2 * far, right - left + 2 * far)
 
@@ -313,7 +318,7 @@ def test_contrast_is_that_of_a_slow_reference(translating, objective):
         return votes(column, row, shape)
 
     y_px, x_px = np.mgrid[top:bottom, left:right].reshape(2, -1) + 0.5
-    fast = contrast_maximization.Contrast(sample, 20.0, objective)
+    fast = contrast_maximization.Contrast(sample, reach, objective)
     exposures = 29  # at most a pixel apart, for flows of up to 20 px from the initial one
     assert len(fast.patch.exposure_t) >= exposures
     even = sum(warped(x_px, y_px, np.full(x_px.shape, t + 0.5)) for t in fast.patch.exposure_t)

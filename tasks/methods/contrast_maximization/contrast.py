@@ -89,7 +89,8 @@ class Contrast:
         offset_px: float = 0.0,
     ) -> None:
         farthest = 0.5 * (np.abs(sample.initial) + reach_px)
-        far = np.ceil(farthest + _REACH_PX).astype(np.int64) + 1
+        # Blurred votes end within _REACH_PX of a vote, and none is made so near the image's edge.
+        far = np.ceil(farthest + 2 * _REACH_PX).astype(np.int64) + 1
         far_x, far_y = far.tolist()
         width, height = (sample.patch[1] - sample.patch[0]).tolist()
         column, row = far - sample.patch[0]
