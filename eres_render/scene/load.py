@@ -62,8 +62,8 @@ def load_scene(
     Parameters
     ----------
     name_or_path
-        Name of a packaged scene, of a variant of one ("varnished_room"), or of a print before a
-        camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
+        Name of a packaged scene, of a variant of one ("varnished_room"), or of a print in front of
+        a camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
         and a scene.toml, or path of any Mitsuba file (.xml) with exactly one camera, which gives
         the field of view.
     trajectory

@@ -40,7 +40,7 @@ def scenes() -> None:
 
 def sensors(
     profile: Annotated[
-        Positional[str | None], arg(metavar="PROFILE", help="show all of one profile")
+        Positional[str | None], arg(metavar="[PROFILE]", help="show all of one profile")
     ] = None,
 ) -> None:
     """List event cameras, and profiles of their electronics.

@@ -115,7 +115,11 @@ def render(
 def intrinsics(
     recordings: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="EVENTS", help="files of events, one for each view of the board"),
+        arg(
+            metavar="EVENTS...",
+            help="files of events, one for each view of the board",
+            help_behavior_hint="(required)",
+        ),
     ],
     out: Path,
     board: tuple[int, int],

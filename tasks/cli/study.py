@@ -56,8 +56,8 @@ def study(
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
         "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
-        two photoreceptors; takes about two hours on 2 cores. "slider": three prints before a
-        camera on a slider, from three distances at three speeds, as in the paper's real data.
+        two photoreceptors; takes about two hours on 2 cores. "slider": three prints in front
+        of a camera on a slider, from three distances at three speeds, as in the paper's real data.
         "ablations": what the paper leaves open, on 6 samples of each scene.
     scenes
         Names or folders of scenes, or a Mitsuba file (.xml) with --trajectory.

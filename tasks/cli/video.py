@@ -20,7 +20,7 @@ def video(
     weights: WeightsFiles = (),
     format: str | None = None,
     overwrite: bool = False,
-    options: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
+    image: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
 ) -> None:
     """Make images of a file of events, at regular times.
@@ -53,9 +53,9 @@ def video(
         count = write_video(
             recording,
             out,
-            options,
+            image,
             calibration=lens,
-            weights=named_weights(weights, [options.method]),
+            weights=named_weights(weights, [image.method]),
             overwrite=overwrite,
             on_progress=on_progress,
         )

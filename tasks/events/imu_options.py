@@ -11,7 +11,7 @@ from tasks.errors import TaskError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuOptions:
-    """An IMU; none by default. The noise is that of an ADIS16448, as in the EuRoC data set.
+    """An IMU; none by default. The noise is that of an ADIS16448, as in the EuRoC dataset.
 
     Noise densities and random walks have the units of Kalibr.
 

@@ -44,7 +44,7 @@ _LEAST_EXPOSURE_S = 2e-6  # start, middle and end are whole microseconds
 _XML = (Path(__file__).parent / "page_scene.xml").read_text(
     encoding="utf-8"
 )  # with numbers to fill in
-_TOML = """title = "A page on a wall, before a camera on a slider"
+_TOML = """title = "A page on a wall, in front of a camera on a slider"
 license = "CC0-1.0"
 length_unit = "m"
 radiance_unit = "W m^-2 sr^-1"

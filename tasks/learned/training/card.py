@@ -18,8 +18,9 @@ from tasks.learned.training.run_folder import (
 Run = tuple[Path, dict[str, Any], FinalScores]
 
 _LIMITS = """\
-- Trained on random textures on a plane that moves before the camera. There are no depth edges, no
-  objects that move on their own, and no sensor noise; contrast thresholds are equal in all pixels.
+- Trained on random textures on a plane that moves in front of the camera. There are no depth edges,
+  no objects that move on their own, and no sensor noise; contrast thresholds are equal in all
+  pixels.
 - Scores are those of held-out crops that no training sees, which are the same for every seed. They
   are not scores on scenes.
 - Weights are in half precision. Scores depend a little on the processor, which may compute in

@@ -136,11 +136,14 @@ def _rule_text(found: Mapping[Series, Choices], base: BaseSpeeds) -> str:
     near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
-        '"None": even the best width does not beat doing nothing by more than that. '
+        '"None": even the best width does not beat doing nothing by more than this margin. '
         "A single entry in a row with several scenes holds for all of them."
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
-        text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."
+        text += (
+            " *Paper*: the same rule on the paper's medians, not compared with doing nothing; "
+            "a dash means no numbers."
+        )
     factors = {
         where[0]: None
         for choices in found.values()
