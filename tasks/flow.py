@@ -161,12 +161,24 @@ class Features:
     def __len__(self) -> int:
         return len(self.centers_px)
 
-    def at(self, width: int) -> Features:
-        """Return the same features in an image of another width and the same shape, to a pixel.
+    def at(self, width: int, height: int | None = None) -> Features:
+        """Return the same features in an image of another size and the same shape, to a pixel.
 
         The errors of the initial flows scale with the image: all sensors get the same draws.
+
+        Parameters
+        ----------
+        width
+            Width of the image, px.
+        height
+            Its height, px; by default that of square pixels, rounded.
+
+        Returns
+        -------
+        Features in pixels of that image.
         """
-        height = round(width * self.height / self.width)
+        if height is None:
+            height = round(width * self.height / self.width)
         scale = np.array([width / self.width, height / self.height])
         return Features(width, height, scale * self.centers_px, scale * self.flow_px, self.draws)
 

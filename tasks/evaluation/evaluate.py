@@ -71,8 +71,8 @@ def evaluate(
     at_start = replace(sequence.rendered)
     dark_level = settings[0].model.dark_level
     assert dark_level is not None, "settings have the sequence's dark level"
-    fill_factors = {setting.model.width: setting.model.fill_factor for setting in settings}
-    reference = ReferenceFrames(sequence, truth, dark_level, fill_factors)
+    models = [setting.model for setting in settings]
+    reference = ReferenceFrames(sequence, truth, dark_level, models)
     sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
     stopwatch = Stopwatch()
     before_s = sequence.rendered.seconds

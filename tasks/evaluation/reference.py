@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render import GroundTruth, RadianceSequence
+from eres_render import Camera, GroundTruth, RadianceSequence
+from sensor.model import SensorModel
 from sensor.optics import integrate
 from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
@@ -29,8 +30,8 @@ class ReferenceFrames:
         Poses, depth and flow of their scene.
     dark_level
         Dark level of the sensors, in the frames' unit of radiance.
-    fill_factors
-        Fill factor of each sensor, by its width in px.
+    models
+        The sensors, no two with the same width.
     """
 
     def __init__(
@@ -38,12 +39,12 @@ class ReferenceFrames:
         sequence: RadianceSequence,
         truth: GroundTruth,
         dark_level: float,
-        fill_factors: Mapping[int, float],
+        models: Iterable[SensorModel],
     ) -> None:
         self.sequence = sequence
         self.truth = truth
         self.dark_level = dark_level
-        self.fill_factors = fill_factors
+        self._models = {model.width: model for model in models}
         self._features: dict[tuple[int, int], Features] = {}
         self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
         self._picturing = threading.Lock()
@@ -77,11 +78,25 @@ class ReferenceFrames:
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
         return {
-            width: self.log(
-                integrate(self.start, self.truth.camera(width).height, width, fill_factor)
-            )
-            for width, fill_factor in self.fill_factors.items()
+            width: self.log(integrate(self.start, model.height, width, model.fill_factor))
+            for width, model in self._models.items()
         }
+
+    def camera(self, width: int, height: int) -> Camera:
+        """Return the camera of a sensor that sees all of the frames.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
+
+        Returns
+        -------
+        The camera, with its lens.
+        """
+        camera = self.truth.camera(width)
+        # A narrow sensor of a shape that the frames only nearly have may be a pixel higher.
+        return camera if camera.height == height else self.truth.camera(width, height)
 
     def features(self, count: int, seed: int) -> Features:
         """Return features at the window's start, in pixels of the frames.

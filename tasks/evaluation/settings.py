@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
@@ -9,8 +10,16 @@ from typing import Literal, NamedTuple, Self
 from eres_render.errors import nearest
 from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
+from sensor.model import SensorModel
 from tasks.errors import TaskError
-from tasks.evaluation.costs import IMAGE_SCORE_S, answer_s, paths_s, share_of_1280, window_s
+from tasks.evaluation.costs import (
+    PICTURE_SCORE_S,
+    RECONSTRUCTION_S,
+    answer_s,
+    paths_s,
+    share_of_1280,
+    window_s,
+)
 from tasks.methods import check_method
 from tasks.methods.e2vid import WINDOW_US
 from tasks.methods.networks import check_kept, network
@@ -24,6 +33,25 @@ Equalization = Literal["none", "global", "local", "clahe"]
 _MOST_IMAGES = 1_000_000  # that one stretch of video scores
 _WINDOW_S = 1e-6 * WINDOW_US
 """Default length of the windows of E2VID, seconds of the path."""
+
+
+def unlike_two_poles(model: SensorModel) -> str | None:
+    """Return in what a photoreceptor differs from the one that the oracles of video know.
+
+    Parameters
+    ----------
+    model
+        The sensor.
+
+    Returns
+    -------
+    Words for an error; None for two poles with one cutoff, and for ideal pixels.
+    """
+    if math.isinf(model.cutoff_hz):
+        return None
+    if model.photoreceptor != "two_pole":
+        return f"the photoreceptor {model.photoreceptor!r}"
+    return None if model.cutoff_reference is None else "a cutoff that follows the light"
 
 
 class Stretches(NamedTuple):
@@ -125,7 +153,7 @@ class Reconstruction(TaskSettings):
     upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
     def score_s(self, width: int) -> float:
-        return IMAGE_SCORE_S * len(self.methods)
+        return RECONSTRUCTION_S * len(self.methods)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,8 +243,8 @@ class Tracking(TaskSettings):
         Errors of the initial path: standard deviations of each component of the control positions.
         Each is a variant of the task.
     max_events
-        Largest number of events that a method gets from the path's 14 ms; they are from random
-        pixels.
+        Largest number of events that a method gets from the path's 14 ms, if they come as often
+        until the largest delay has passed; they are from random pixels.
     max_delay_us
         Largest delay of events, for methods that estimate it: the sample has events up to this long
         after the end of the path.
@@ -316,9 +344,9 @@ class Video(NetworkSettings):
     def score_s(self, width: int) -> float:
         windows = self.duration_s / (self.e2vid_window_s or _WINDOW_S)
         images_s = self.images * sum(answer_s("video", method) for method in self.methods)
-        further = self.images * len(self.methods) * len(self.other_equalizations or ())
         windows_s = windows * sum(window_s(method) for method in self.methods)
-        return (images_s + windows_s + further * IMAGE_SCORE_S) * share_of_1280(width)
+        pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
+        return (images_s + windows_s) * share_of_1280(width) + pictures * PICTURE_SCORE_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""

@@ -28,7 +28,8 @@ class MethodTimings:
         Number of events that the method got, over all answers.
     cpu_s, median_cpu_s
         CPU time of the method, seconds: the sum over all answers, and their median, which the
-        compilation in the first one does not affect.
+        compilation in the first one does not affect. What both trackers need is counted for the one
+        that is first.
     """
 
     task: str

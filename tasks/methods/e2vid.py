@@ -5,8 +5,8 @@ Camera" (PAMI 2019). The network's memory is all that lasts from one window to t
 is intensity as on a display, without the original's unsharp mask.
 
 Windows last a fixed time, or hold a fixed number of events as in the original. With fixed times, an
-image ends the current window, so that it includes all events before it; with fixed numbers, it is
-that of the latest complete window.
+image ends the current window, so that it includes all events before it, but for those of less than
+a hundredth of a window; with fixed numbers, it is that of the latest complete window.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
-from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
 from tasks.registry import TASKS
 from tasks.study.sensors import Light, StudySensor, bus_of, light_at, plain_sensor, with_pixels
 
@@ -362,10 +362,10 @@ class Study:
         asked = [name for name in methods if name in TASKS[task].diagnostics]
         models = [model for *_, model in self.simulate.models(self.render)] if asked else []
         for model in models:
-            if model.photoreceptor != "two_pole" and math.isfinite(model.cutoff_hz):
+            if found := unlike_two_poles(model):
                 raise StudyError(
                     f"evaluate.{task}.methods: found {asked[0]!r}, which is about two poles, and "
-                    f"the photoreceptor {model.photoreceptor!r}, expected only 'two_pole'"
+                    f"{found}, expected only 'two_pole' with one cutoff"
                 )
 
 

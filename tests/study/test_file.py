@@ -214,6 +214,13 @@ def test_old_words_are_read(tmp_path):
             r"mine.toml: evaluate.video.methods: found 'late_truth', which is about two poles, and "
             r"the photoreceptor 'v2e', expected only 'two_pole'",
         ),
+        (
+            'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = [\n'
+            "{ width = 64, height = 64, cutoff_follows_light = true }]\n"
+            '[evaluate.video]\nmethods = ["filtered_truth"]',
+            r"mine.toml: evaluate.video.methods: found 'filtered_truth', which is about two poles, "
+            r"and a cutoff that follows the light, expected only 'two_pole' with one cutoff",
+        ),
     ],
 )
 def test_a_bad_study_is_refused_by_file_and_field(tmp_path, text, message):

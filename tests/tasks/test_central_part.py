@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from eres_render import Clip, Renderer, clip_in_progress, ground_truth
+from eres_render.progress import silent
+from sensor import SensorModel
 from tasks.evaluation.central_part import central_part
+from tasks.evaluation.evaluate import evaluate
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Flow, Reconstruction, Tracking
 
 
 @pytest.mark.parametrize(("height", "rows"), [(32, slice(16, 48)), (31, slice(16, 47))])
@@ -34,3 +39,27 @@ def test_a_sensor_that_sees_all_has_the_whole(small_carpet, tmp_path):
     with clip_in_progress(renderer, Clip(0, 0.24, 0.25, 0.3), tmp_path / "clip", 2.0) as whole:
         truth = ground_truth(whole)
         assert central_part(whole, truth, 32, 32) == (whole, truth)
+
+
+def test_an_upright_sensor_is_scored_at_its_own_height(small_carpet, tmp_path):
+    """Promise: a sensor higher than wide is scored in every task, although the part of the frames
+    that it sees has whole pixels, and so only nearly its shape."""
+    renderer = Renderer(small_carpet, width=96, spp=4)
+    heights = {}
+    with clip_in_progress(renderer, Clip(0, 0.24, 0.25, 0.3), tmp_path / "clip", 2.0) as whole:
+        for height in (94, 95, 96):
+            part, truth = central_part(whole, ground_truth(whole), 60, height)
+            model = SensorModel(width=60, height=height, dark_level=1e-3)
+            tasks = {
+                "reconstruction": Reconstruction(methods=("no_events",)),
+                "flow": Flow(methods=("initial_flow",), features=5),
+                "tracking": Tracking(methods=("initial_path",)),
+            }
+            setting = Setting(model, 1.0, 250_000, 300_000)
+            found = evaluate(part, truth, [setting], tasks, silent)
+            assert len(found.rows) == 1 + 5 + 1
+            camera = found.reference.camera(60, height)
+            assert (camera.width, camera.height) == (60, height)
+            assert camera.fy == pytest.approx(camera.fx, rel=0.01)
+            heights[height] = truth.camera(60).height
+    assert heights == {94: 94, 95: 94, 96: 96}  # of square pixels, and a case for this test

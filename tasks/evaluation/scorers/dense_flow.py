@@ -39,7 +39,8 @@ class DenseFlowScorer:
                 f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
                 "render the clip with a longer --warmup"
             )
-        self._features = reference.features(task.features, task.seed).at(setting.model.width)
+        size = setting.model.width, setting.model.height
+        self._features = reference.features(task.features, task.seed).at(*size)
         self._before: list[Events] = []
         self._during: list[Events] = []
 

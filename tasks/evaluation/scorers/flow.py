@@ -21,9 +21,8 @@ class FlowScorer:
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Flow) -> None:
         self._reference, self._setting, self._task = reference, setting, task
-        width = setting.model.width
-        self._features = reference.features(task.features, task.seed).at(width)
-        size = width, self._features.height
+        size = width, height = setting.model.width, setting.model.height
+        self._features = reference.features(task.features, task.seed).at(width, height)
         # At 1280 px both patches are the same and are scored once.
         self._variants = {patch_px(width): [""]}
         if task.native_patch:

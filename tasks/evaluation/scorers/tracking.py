@@ -29,7 +29,7 @@ from tasks.tracking import (
 )
 from tasks.variants import sigma_variant
 
-_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels per event that a method may get
+_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels for each of `max_events`
 
 
 class TrackingScorer:
@@ -67,7 +67,7 @@ class TrackingScorer:
         """Yield one score for each method and size of the initial error."""
         task, clip = self._task, self._reference.sequence.manifest.clip
         model = self._setting.model
-        camera = self._reference.truth.camera(model.width)
+        camera = self._reference.camera(model.width, model.height)
         if self._setting.distance != 1.0:
             camera = camera.zoomed(self._setting.distance)
         events = concatenate(self._parts)

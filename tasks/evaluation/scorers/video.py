@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +13,7 @@ from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import Video
+from tasks.evaluation.settings import Video, unlike_two_poles
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
 from tasks.methods.true_video import TrueLight
@@ -59,10 +58,10 @@ class VideoScorer:
         """Return the extra arguments of a method."""
         if name in TASKS["video"].diagnostics:
             model = setting.model
-            if model.photoreceptor != "two_pole" and math.isfinite(model.cutoff_hz):
+            if found := unlike_two_poles(model):
                 raise TaskError(
-                    f"video, method {name!r}, which is about two poles: found the photoreceptor "
-                    f"{model.photoreceptor!r}, expected 'two_pole'"
+                    f"video, method {name!r}, which is about two poles: found "
+                    f"{found}, expected 'two_pole' with one cutoff"
                 )
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
             light = TrueLight(

@@ -90,7 +90,7 @@ def normal_equations(events, geometry, spline, level, loss):
 
     The cost is sum rho(r_k). An event that sees a point outside the reference view has no
     derivatives, and costs rho(C), as in a flat reference view, so that the search gains nothing by
-    looking away.
+    looking away. Joined events cost the same there, less than the rho(p C) of a flat view.
 
     Parameters
     ----------

@@ -56,10 +56,10 @@ def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Leve
 def gain(log_image: Float64, coarse: Float64) -> float:
     """Return the factor on a blurred view that makes its gradient best predict the fine gradient.
 
-    This is the regression of the fine gradient on the coarse one, at least 1. The regression of the
-    coarse gradient on the fine one is the share of contrast that the blur leaves. Reducing C to
-    that share looks equivalent, but then the detail that the blur hides makes every path look too
-    long, and the search ends millimeters away from the true path.
+    This is the regression of the fine gradient on the coarse one. The regression of the coarse
+    gradient on the fine one is the share of contrast that the blur leaves. Reducing C to that share
+    looks equivalent, but then the detail that the blur hides makes every path look too long, and
+    the search ends millimeters away from the true path.
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Met
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:
-    """Return whether the interval of the paired difference contains zero."""
+    """Return whether the interval of the paired difference is not above zero."""
     cells = {"best": best, "other": other}
     lead = estimate(lambda medians: medians.difference("best", "other"), cells, sign=sign)
     return lead.low is None or lead.low <= 0
