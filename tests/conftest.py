@@ -28,6 +28,9 @@ def compiled_folder():
 
 
 os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
+# Read when NumPy is imported: the small problems of tests are slower on several threads, and two
+# workers share the machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from numba.core.caching import IndexDataCacheFile  # noqa: E402
 
@@ -114,6 +117,28 @@ def small_carpet(tmp_path_factory):
     """Load a small carpet in even light, which needs no baking on any machine."""
     folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
     return load_scene(light_evenly(folder, "carpet", 3.0))
+
+
+@pytest.fixture
+def unmeasured_noise(monkeypatch):
+    """Do not measure the noise of path-traced renders, in tests of other things."""
+    monkeypatch.setattr("eres_render.sequence.render_clips.warn_of_noise", lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def one_torch_thread():
+    """Let networks compute on one thread: so small ones are slower on several."""
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed: make .venv/.learned")
+    from tasks.learned import cpu
+
+    threads = torch.get_num_threads()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cpu, "cores", lambda: 1)
+        cpu._helpers.cache_clear()
+        torch.set_num_threads(1)
+        yield
+    cpu._helpers.cache_clear()
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 # Of one answer at 1280 px; it is proportional to the number of pixels.
 _ANSWER_S = {
-    "video": {"high_pass_filter": 0.19, "high_pass_filter_no_event_decay": 0.19},  # one image
+    "video": {"high_pass_filter": 0.24, "high_pass_filter_no_event_decay": 0.24},  # one image
     "flow": {  # one patch
         "photometric_flow": 0.04,
         "photometric_flow_unknown_contrast": 0.015,
@@ -37,7 +37,7 @@ _FREE = frozenset({"no_events", "blank", "zero_flow", "initial_flow", "initial_p
 RECONSTRUCTION_S = 0.08
 """To make and score an image of event integration, compared at 1280 px."""
 
-PICTURE_SCORE_S = 0.05
+PICTURE_SCORE_S = 0.03
 """To equalize and score an image of a video, compared at 1280 px."""
 
 

@@ -39,6 +39,7 @@ def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
     assert 0.2 < frame[16, 16] < 0.9  # the ball, gray by default
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_a_path_that_was_made_in_python_is_rendered(tmp_path):
     """Promise: it gives the frames and the ground truth of the same path from a file; another path
     is another scene; one that comes too near a surface is refused."""
@@ -194,6 +195,7 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
         load_scene("other.xml")
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_a_scene_folder_whose_path_a_generator_made(tmp_path):
     """Promise: the public API alone renders a scene and a path from outside."""
     folder = tmp_path / "spiral"

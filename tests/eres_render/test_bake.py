@@ -244,7 +244,7 @@ def test_a_colored_image_is_baked(tmp_path, color):
     assert traced.std() > 0.01
 
 
-@pytest.mark.parametrize("texels", [16, 32, 13])
+@pytest.mark.parametrize("texels", [16, 13, pytest.param(32, marks=pytest.mark.slow)])
 def test_an_image_coarser_than_its_lightmap_is_not_blurred(tmp_path, texels):
     """Promise: of 40 cells under 16, 32 or 13 texels; blurred, the light was up to 0.8 off."""
     codes = np.random.default_rng(2).integers(30, 220, (texels, texels), np.uint8)

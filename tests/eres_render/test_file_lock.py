@@ -84,7 +84,7 @@ def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
         "import os; from pathlib import Path; from eres_render.storage.locks import locked\n"
         f"folder = Path({str(tmp_path)!r})\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
-        "for _ in range(1000):\n"
+        "for _ in range(400):\n"
         "    with locked(folder / 'lock'):\n"
         "        os.mkdir(folder / 'within'); os.rmdir(folder / 'within')"
     )

@@ -160,6 +160,7 @@ def test_an_instance_stands_still_beside_an_object(tmp_path):
     assert np.isfinite(frame).all()
 
 
+@pytest.mark.slow
 def test_a_scalar_machine_moves_objects_too(tmp_path):
     parts = WHITE_FLOOR, LAMP, KINDS["mesh"].format("")
     folder = folder_of(tmp_path / "mesh", *parts)
@@ -345,6 +346,7 @@ def test_dots_on_a_moving_object_move_as_the_flow_says(tmp_path):
     assert 50 < np.sum(flow.occluded & ~on_tile) == np.sum(flow.occluded)
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_a_sequence_names_its_objects_and_truth_is_written(tmp_path, scene_folder):
     """The clock of the object's poses is that of the camera's, which may start at any time."""
     for name in ("camera", "ball"):

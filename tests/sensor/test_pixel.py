@@ -195,7 +195,7 @@ def drawn_frames(seed, shape, roughness, intervals, interval_s):
     return np.exp(walk).astype(np.float32), t_s
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),
     cutoff_hz=st.sampled_from([IDEAL, 2000.0, 200.0, 50.0, 3.0]),

@@ -52,13 +52,13 @@ def test_a_full_pool_grows_and_loses_nothing(monkeypatch, electronics):
 
 def test_a_step_of_many_thresholds_fires_one_event_for_each():
     """Analytic: a pixel that brightens and darkens again crosses floor(step / C) levels twice."""
-    frames = np.full((3, 64, 64), 1e-6)
-    frames[1] = np.exp(np.random.default_rng(0).uniform(-10, 10, (64, 64)))
+    frames = np.full((3, 32, 32), 1e-6)
+    frames[1] = np.exp(np.random.default_rng(0).uniform(-10, 10, (32, 32)))
     t_s = [0.0, 1e-3, 2e-3]
-    fine = SensorModel(width=64, height=64, contrast_threshold=0.01, dark_level=1e-9)
+    fine = SensorModel(width=32, height=32, contrast_threshold=0.01, dark_level=1e-9)
     events = simulate(frames, t_s, fine)
     rise = np.floor(np.log((frames[1] + 1e-9) / (1e-6 + 1e-9)) / 0.01)
-    ups, downs = np.zeros((2, 64, 64))
+    ups, downs = np.zeros((2, 32, 32))
     for turns, polarity in ((ups, 1), (downs, -1)):
         of = events.p == polarity
         np.add.at(turns, (events.y[of], events.x[of]), 1)

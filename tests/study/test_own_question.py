@@ -315,6 +315,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(folder / "cache"))
+        patch.setattr("tasks.study.run.compute.warn_of_noise", lambda *_: None)  # another test's
         run_study(own_study(folder), folder / "run")
     return folder / "run"
 

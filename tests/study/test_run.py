@@ -20,6 +20,7 @@ from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
 from finished_runs import page_of
+from small_study import only
 from tasks import provenance as environment
 from tasks.errors import StudyError
 from tasks.evaluation.timings import read_timings
@@ -28,6 +29,7 @@ from tasks.study.config import (
     PRESETS,
     Evaluate,
     Flow,
+    Reconstruction,
     Render,
     Simulate,
     Study,
@@ -223,8 +225,8 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     its own frames and its own name in the rows, also in the folder of a run on the other."""
     for name in ("alpha", "beta"):
         shutil.copytree(scene_folder, tmp_path / name)
-    study = replace(tiny_study(scene_folder), evaluate=Evaluate(flow=Flow(methods=())))
-    study = replace(study, evaluate={**study.evaluate, "tracking": Tracking(methods=())})
+    study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
+    study = replace(study, render=replace(study.render, samples=1))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
     with pytest.raises(StudyError, match="scenes: found 'alpha' and 'beta' with the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
@@ -433,9 +435,12 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     here = json.loads(file.read_text())
     caplog.set_level(logging.WARNING)
 
+    usual = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))[0]
+    part = run / "parts" / f"{usual.key}.parquet"
+
     def compute_one_again(before):
         file.write_text(before)
-        next((run / "parts").iterdir()).unlink()
+        part.unlink()
         run_study(tiny_study(scene_folder), run)
         return json.loads(file.read_text())
 
@@ -506,7 +511,7 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkey
 def test_full_disk_while_rendering(scene_folder, tmp_path, monkeypatch):
     """Promise: the same for frames, where OpenEXR raises its own errors; then the run continues."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
-    study = replace(tiny_study(scene_folder), evaluate=Evaluate())
+    study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))
     monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
     partial = f".000002.exr.{os.getpid()}.00000000.unfinished"

@@ -71,7 +71,7 @@ def cluster():
         yield cluster
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def one_worker():
     """Start a worker in this process, so that tests can change its behavior."""
     with local_cluster(n_workers=1, threads_per_worker=1, processes=False) as cluster:

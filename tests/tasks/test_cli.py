@@ -50,7 +50,7 @@ def test_help_lists_the_commands_in_short(eres):
         (["render", "carpt", "--out", "{tmp}/r"], 1, "did you mean 'carpet'"),
         (["render", "carpet", "--out", "{tmp}/r", "--spp", "5"], 1, "spp: found 5"),
         (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
-        (["render", "carpet", "--out", "{tmp}/file/r", "--samples", "1"], 1, "file: found a f"),
+        (["render", "carpet", "--out", "{tmp}/file/r", "--resolution", "8"], 1, "file: found a f"),
         (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
         (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128, to see as"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),

@@ -39,6 +39,7 @@ def missing_texture(folder):
     return folder
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     """Promise: any Mitsuba file with poses renders; info and truth describe the result."""
     xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
@@ -56,7 +57,7 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert "0.0000 to 0.4000 s" in out
     assert "m/s on average" in out
     said = f"{sequence.folder}: found options for files of events, expected a file"
-    refused(eres, tmp_path / "none", said, "info", sequence.folder, "--format", "npz")
+    refused(eres, tmp_path, said, "info", sequence.folder, "--format", "npz")
 
     code, out, _ = eres(
         "truth", sequence.folder, "--out", tmp_path / "truth", "--width", "20", "--step", "0.15",
@@ -343,6 +344,7 @@ def write_mesh(folder, material=""):
     return xml, write_poses(folder, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)), T_S)
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
     """Promise: a mesh with colors, as scanners write it, renders without a message of Mitsuba; one
     without UV coordinates is path-traced, with no traceback."""
@@ -353,6 +355,7 @@ def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplo
     assert sequence.manifest.integrator == "path"
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_colors_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, caplog):
     """Promise: relevant warnings of Mitsuba appear once, with the scene's name."""
     material = """<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">

@@ -108,7 +108,7 @@ def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bou
     sigma_px = 3 * WIDTH / 1280
     moving = translating_texture(warmup_s=warmup_s) if warmup_s else translating
     errors, starts = [], []
-    for sample in samples(moving, 50, sigma_px):
+    for sample in samples(moving, 30, sigma_px):
         answer = estimate(sample)
         assert not answer.failure or np.linalg.norm(sample.initial - FLOW) > 2 * sigma_px
         errors.append(np.linalg.norm(answer.flow - FLOW))

@@ -45,6 +45,8 @@ from tasks.learned.eraft_network import ERAFT, cells, padded  # noqa: E402
 from tasks.methods import check_method, code_of, load_method  # noqa: E402
 from tasks.methods.networks import digest_of  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 DATA = Path(__file__).parents[1] / "data"
 E2VID = json.loads((DATA / "e2vid.json").read_text())
 ERAFT_DATA = json.loads((DATA / "eraft.json").read_text())
@@ -523,8 +525,10 @@ def test_a_study_that_keeps_too_much_is_refused(monkeypatch):
         check_methods(evaluate, [(1280, 1280)] * 20)
 
 
-def test_the_cpu_time_of_helpers_counts():
+def test_the_cpu_time_of_helpers_counts(monkeypatch):
     """Promise: CPU time of a network on other threads counts as that of the calling thread."""
+    monkeypatch.setattr(cpu, "cores", lambda: 2)
+    cpu._helpers.cache_clear()
 
     def multiply():
         a = torch.ones(400, 400)
@@ -536,6 +540,10 @@ def test_the_cpu_time_of_helpers_counts():
     cpu.run(multiply)
     spent_s = time.process_time() - process_s
     assert 0.5 * spent_s < cpu_s() - before_s < 1.2 * spent_s
+    monkeypatch.undo()
+    cpu._helpers.cache_clear()
+    cpu.run(multiply)
+    assert torch.get_num_threads() == 1
 
 
 def test_bfloat16_changes_images_little(saved, monkeypatch):

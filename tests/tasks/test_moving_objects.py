@@ -2,12 +2,14 @@
 
 import h5py
 import numpy as np
+import pytest
 
 from eres_render import ground_truth, open_sequence, window_times
 from moving_objects import FLOOR, SPHERE, folder_of
 from sensor.formats import load_events
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_from_a_scene_with_an_object_to_events_with_its_truth(eres, tmp_path):
     """The camera is at rest, so all events are where the ball is, or was."""
     scene = folder_of(tmp_path / "scene", FLOOR, SPHERE)

@@ -460,8 +460,7 @@ def test_the_filtered_truth_is_that_of_small_steps():
     light = np.cos(200 * t_s)
     method = FilteredTruth(3, 2, 0.2, light=light_of(lambda t: math.cos(200 * t), t_s, f))
     first = second = light[0]
-    for k in range(30_000):
-        u = np.interp((k + 0.5) * 1e-6, t_s, light)
+    for k, u in enumerate(np.interp((np.arange(30_000) + 0.5) * 1e-6, t_s, light)):
         first, before = first + 2e-6 * math.pi * f * (u - first), first
         second += 2e-6 * math.pi * f * (0.5 * (first + before) - second)
         if k + 1 in (8_000, 21_300, 30_000):

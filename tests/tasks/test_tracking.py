@@ -255,7 +255,7 @@ def test_normal_equations_are_solved_as_lapack_does():
 
 def test_the_gain_of_a_blurred_view_is_that_of_a_regression():
     """Oracle: the fine on the coarse gradient, by NumPy's differences."""
-    fine = band_limited(3, 96)[:, :80]
+    fine = np.ascontiguousarray(band_limited(3, 96)[:, :80])
     coarse = 0.5 * ndimage.gaussian_filter(fine, 1.5)
     slopes = [
         np.concatenate([d.ravel() for d in (np.diff(i, axis=0), np.diff(i, axis=1).T)])

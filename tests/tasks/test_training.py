@@ -46,6 +46,8 @@ from tasks.learned.training.progress import Progress, load_checkpoint, save_chec
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 BRIEF = Schedule(
     steps=4, crops_per_step=1, rising_steps=2, validate_every=2, validation_crops=1,
     checkpoint_minutes=1e-9,
@@ -73,15 +75,6 @@ TINY_FLOW = FlowTraining(
 
 def trained(folder, light="all", seed=0, settings=TINY, code="x", **options):
     return start(settings, light, seed, folder, device="cpu", made_with={"code": code}, **options)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    """Such small networks are slower with several threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
