@@ -98,10 +98,8 @@ def integrate(
             raise refusal(name, side, "a positive integer, px")
     if not LEAST_FILL_FACTOR <= fill_factor <= 1:
         raise refusal("fill_factor", fill_factor, f"a share from {LEAST_FILL_FACTOR:g} to 1")
-    of_machine = frame.dtype.newbyteorder("=")
-    if frame.dtype.kind == "f":  # of any size
-        of_machine = np.dtype(np.float64 if frame.dtype.itemsize > 4 else np.float32)
-    frame = frame.astype(of_machine, copy=False)
+    short = frame.dtype.kind == "f" and frame.dtype.itemsize <= 4
+    frame = frame.astype(np.float32 if short else np.float64, copy=False)
     out = np.empty((height, width))
     overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
     if not integrate_area(frame, *overlaps, out):
