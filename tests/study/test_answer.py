@@ -13,6 +13,7 @@ from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.answer import (
     answers_of,
     claim_counts,
+    claim_list,
     details,
     main,
     overview,
@@ -179,3 +180,18 @@ def test_claims_are_counted_and_named() -> None:
         "one pole, no verdict changes."
     )
     assert claim_counts({"two_pole": verdicts(unknown)}).startswith("None of the paper's claims is")
+
+
+def test_all_claims_are_listed_with_their_verdicts() -> None:
+    """Promise: a line for each verdict, a column for each photoreceptor."""
+    yes, no, *_ = Status
+    first = [replace(one, title=f"claim {one.number}") for one in verdicts(yes, no)]
+    assert claim_list({"two_pole": first}).splitlines() == [
+        "|  | claim | verdict |",
+        "| --- | --- | --- |",
+        "| 1 | claim 1 | holds |",
+        "| 2 | claim 2 | does not hold |",
+    ]
+    both = claim_list({"two_pole": first, "v2e": verdicts(no, no)}).splitlines()
+    assert both[0] == "|  | claim | two poles | v2e's single pole |"
+    assert both[2] == "| 1 | claim 1 | holds | does not hold |"

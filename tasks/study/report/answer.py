@@ -116,6 +116,27 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     return _wrapped(text)
 
 
+def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
+    """Return a table of all claims with their verdicts, a column for each photoreceptor.
+
+    Parameters
+    ----------
+    judged
+        As in `claim_counts`.
+
+    Returns
+    -------
+    str
+        A Markdown table.
+    """
+    claims = next(iter(judged.values()))
+    columns = [["", *(str(one.number) for one in claims)], ["claim", *(c.title for c in claims)]]
+    for name, verdicts in judged.items():
+        heading = photoreceptor_label(name) if len(judged) > 1 else "verdict"
+        columns.append([heading, *(one.status.value for one in verdicts)])
+    return _markdown(columns)
+
+
 # The verb after one claim, and after several.
 _WORDS = {
     Status.HOLDS: ("holds", "hold"),
@@ -168,6 +189,11 @@ def _table(
         columns.append([f"{light}, {speed_label('', speed)}", *ours])
         if any(choice and choice.paper for choices in at for choice in choices):
             columns.append(["paper", *(_joined([*map(_paper_text, choices)]) for choices in at)])
+    return _markdown(columns)
+
+
+def _markdown(columns: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table of columns, whose first texts are the headings."""
     heads, *rows = zip(*columns, strict=True)
     rule = ["---"] * len(columns)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
@@ -215,6 +241,7 @@ def answers_of(run_dir: Path) -> dict[str, str]:
         "overview": overview(found, run.base_speeds),
         "details": details(found, run.base_speeds),
         "claims": claim_counts(run.verdicts_by_photoreceptor),
+        "verdicts": claim_list(run.verdicts_by_photoreceptor),
     }
 
 
