@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from eres_render import BackendError, Renderer, SceneError, load_scene
+from eres_render.errors import RenderError
 from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
 from eres_render.rendering import lightmaps as bake
@@ -468,7 +469,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path,
     monkeypatch.setattr(bake, "irradiance_maps", lambda *_: pytest.fail("baked first"))
     (tmp_path / "file").write_text("")
     scene = load_scene(small_carpet_folder(tmp_path / "mine"))
-    with pytest.raises(OSError, match="file"):
+    with pytest.raises(RenderError, match="file: found a file, expected a folder"):
         bake.bake_scene(scene, tmp_path / "file" / "maps")
 
 

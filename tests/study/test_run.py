@@ -302,8 +302,8 @@ def test_the_cost_of_a_study_is_foretold(name, least, most):
     assert {one.cores for one in jobs} == {2}
     assert len(jobs) == len(work)
     told_s = estimate_work(work, cores=2).seconds
-    if name == "paper":  # the wall-clock time on the other machine, docs/results.md
-        assert told_s == pytest.approx(3600 + 52 * 60 + 45, rel=0.2)
+    if name == "paper":  # the wall-clock time of earlier code on idle cores, docs/results.md
+        assert told_s == pytest.approx(3600 + 52 * 60 + 45, rel=0.25)
     longer = took_s(jobs) / told_s
     assert least < longer < most
     for kind in {(job.scene.name, *job.evaluate) for job in work}:
