@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventError, EventFormatError
 from sensor.events import shifted
 
 _DTYPES = {"t_us": np.int64, "channel": np.uint8, "p": np.int8}
@@ -65,6 +65,32 @@ class Triggers:
 
     def __len__(self) -> int:
         return len(self.t_us)
+
+    def rising_us(self, channel: int | None = None) -> NDArray[np.int64]:
+        """Return the times of rising edges on one input.
+
+        Parameters
+        ----------
+        channel
+            Number of the input; by default the only one that has edges.
+
+        Returns
+        -------
+        (K,) int64, microseconds.
+
+        Raises
+        ------
+        EventError
+            Several inputs have edges and none is named, or the named one has none.
+        """
+        channels = np.unique(self.channel).tolist()
+        found = f"triggers: found edges on channel {', '.join(map(str, channels)) or 'none'}"
+        if channel is None and len(channels) > 1:
+            raise EventError(f"{found}, expected one channel to be named")
+        if channel is not None and channel not in channels:
+            raise EventError(f"{found}, expected {channel} among them")
+        mine = True if channel is None else self.channel == channel
+        return self.t_us[(self.p > 0) & mine]
 
     def later(self, shift_us: int) -> Triggers:
         """Return the triggers with a shift added to their times, microseconds.

@@ -55,7 +55,8 @@ def fit(
         frames' files can store; the printed sweep shows how much the thresholds depend on it.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
-        one per line; or triggers, for the rising edges in the recording.
+        one per line; or triggers, for the rising edges in the recording, triggers:1 for those on
+        channel 1.
     title
         Name of the sensor; by default that of the recording.
     format

@@ -144,8 +144,10 @@ def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64
         (H, W).
     """
     first, weights = frame_weights(sequence.t_s, start_s, end_s)
-    parts = (w * sequence.frame(first + k).astype(np.float64) for k, w in enumerate(weights))
-    return np.sum(list(parts), axis=0)
+    radiance = np.zeros(sequence.frame(first).shape)
+    for k, weight in enumerate(weights.tolist()):  # an exposure may have hundreds of frames
+        radiance += weight * sequence.frame(first + k)
+    return radiance
 
 
 def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Float64]:

@@ -27,6 +27,8 @@ _TAIL = 0.995
 # C_off / C_on from 1/2 to 3/2. For two poles, B is fitted.
 _ABSORBED = 1.0
 _ABSORBED_RANGE = (0.75, 1.25)
+_LATER = 2.0  # times as late as the first event of other steps: the recording began after the step
+_WHOLE = 0.98  # of the events of other steps, at least, unless the recording ended before
 
 
 class Response(NamedTuple):
@@ -42,7 +44,7 @@ class Response(NamedTuple):
         (3,) delays of the first event of a pixel after a step, seconds: the 5th, 50th and 95th
         percentiles.
     steps
-        Number of steps.
+        Number of steps whose answers are in the recording.
     """
 
     photoreceptor: Photoreceptor
@@ -81,7 +83,8 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     Raises
     ------
     TaskError
-        There are fewer than two steps, or too few events after them, or too few different times.
+        There are fewer than two steps whose answers are in the recording, too few events after
+        them, or too few different times.
     """
     answers = _answers(events, rises_us)
     order, cutoff, latency = _estimates(answers)
@@ -114,9 +117,8 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
             f"steps: found {len(rises_us)} times, expected at least {_LEAST_STEPS}, increasing"
         )
     window_us = int(np.diff(rises_us).min())
-    step = np.searchsorted(rises_us, events.t_us, side="right") - 1
-    since_us = events.t_us - rises_us[np.maximum(step, 0)]
-    mine = (step >= 0) & (since_us < window_us) & (events.p > 0)
+    rises_us = _whole_steps(events, rises_us, window_us)
+    step, since_us, mine = _after_steps(events, rises_us, window_us)
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
     lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
@@ -138,6 +140,39 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     if tile.max() + 1 < _LEAST_TILES:
         tile = np.arange(len(answering))
     return _Answers(since_us, step, place, tile, len(rises_us))
+
+
+def _after_steps(
+    events: Events, rises_us: NDArray[np.int64], window_us: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the step before each event, the time since then, and whether it is an answer."""
+    step = np.searchsorted(rises_us, events.t_us, side="right") - 1
+    since_us = events.t_us - rises_us[np.maximum(step, 0)]
+    return step, since_us, (step >= 0) & (since_us < window_us) & (events.p > 0)
+
+
+def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) -> NDArray[np.int64]:
+    """Return the steps whose answers the recording has, and not only the first part of them."""
+    if not len(events):
+        return rises_us
+    first_us, last_us = events.t_us[[0, -1]].tolist()
+    inside = rises_us[(rises_us > first_us - window_us) & (rises_us < last_us)]
+    if len(inside) > 1:
+        # Pixels may be silent between steps: then the first and the last event do not tell when the
+        # recording began and ended, but how these steps differ from the others does.
+        step, since_us, mine = _after_steps(events, inside, window_us)
+        fired = np.bincount(step[mine], minlength=len(inside))
+        begun_us = np.full(len(inside), window_us)
+        np.minimum.at(begun_us, step[mine], since_us[mine])
+        starts_late = first_us > inside[0] and begun_us[0] > _LATER * begun_us[1:].max()
+        ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
+        inside = inside[int(starts_late) : len(inside) - int(ends_early)]
+    if len(inside) < _LEAST_STEPS:
+        raise TaskError(
+            f"steps: found {len(inside)} of {len(rises_us)} whose answers are in the recording, "
+            f"from {first_us} to {last_us} us, expected at least {_LEAST_STEPS}"
+        )
+    return inside
 
 
 def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.errors import EventError
 from sensor.formats import read_triggers
 from tasks.errors import TaskError
 
@@ -20,7 +22,7 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     ----------
     where
         A text file with one time per line, microseconds; or "triggers", for the rising edges in the
-        recording.
+        recording, with the number of their channel as in "triggers:1" if it has several.
     recording, format
         The recording, and its format; by default that of its extension or header.
 
@@ -33,9 +35,12 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     TaskError
         The file is missing, or contains something else.
     """
-    if where == TRIGGERS:
-        triggers = read_triggers(recording, format=format)
-        return triggers.t_us[triggers.p > 0]
+    if chosen := re.fullmatch(rf"{TRIGGERS}(?::(\d+))?", where):
+        channel = None if chosen[1] is None else int(chosen[1])
+        try:
+            return read_triggers(recording, format=format).rising_us(channel)
+        except EventError as error:
+            raise TaskError(f"{recording}: {error}, as in --steps {TRIGGERS}:1") from None
     file = Path(where)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()

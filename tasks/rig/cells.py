@@ -18,7 +18,7 @@ from tasks.row import Row
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
 _Light = tuple[float, float]  # cutoff and contrast threshold
-_Window = list[Row]  # the rows of a task in one window of one recording
+_Place = list[Row]  # the rows of a task at one place of one recording
 
 
 def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
@@ -27,15 +27,17 @@ def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
     Parameters
     ----------
     recordings
-        The rows of each recording, with `speed` as measured, m/s.
+        The rows of each recording, with `speed` as measured, m/s, and with the number of the place
+        on the page as `sample`: the carriage comes to a place more than once.
 
     Returns
     -------
     rows
         `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
         `speed_m_s` equals `speed`. For each picture, task and light, only speeds that every width
-        has are kept, all with the same number of windows, evenly spread, and of items, the first
-        ones. Samples are numbered from 0 in each light at each speed and width.
+        has are kept, all with the same number of places, evenly spread, and of items at each, the
+        first ones: so many that most scores are kept. Samples, one for each place, are numbered
+        from 0 in each light at each speed and width.
 
     Raises
     ------
@@ -45,19 +47,25 @@ def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    tasks: dict[tuple[str, str, _Light], dict[tuple[int, float], list[_Window]]] = {}
+    tasks: dict[tuple[str, str, _Light], dict[tuple[int, float], list[_Place]]] = {}
     for rows in recordings:
-        windows: dict[tuple[str, str, _Light, int, float, int], _Window] = {}
+        places: dict[tuple[str, str, _Light, int, float, int], _Place] = {}
         for row in rows:
             width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
             moved = replace(row, width=width, speed=speed, speed_m_s=speed)
             light = row.cutoff_hz, row.contrast_threshold
             at = row.scene, row.task, light, width, speed, row.sample
-            windows.setdefault(at, []).append(moved)
-        for (scene, task, light, width, speed, _), window in windows.items():
+            places.setdefault(at, []).append(moved)
+        for (scene, task, light, width, speed, _), place in places.items():
             cells = tasks.setdefault((scene, task, light), {})
-            cells.setdefault((width, speed), []).append(window)
+            cells.setdefault((width, speed), []).append(_numbered(place))
     return [row for (scene, *_), cells in tasks.items() for row in _equal(scene, cells)]
+
+
+def _numbered(place: _Place) -> _Place:
+    """Return the rows with items from 0 on, over all visits of the place."""
+    items = {item: k for k, item in enumerate(sorted({row.item for row in place}))}
+    return [replace(row, item=items[row.item]) for row in place]
 
 
 def _groups(values: Iterable[float]) -> dict[float, float]:
@@ -71,28 +79,39 @@ def _groups(values: Iterable[float]) -> dict[float, float]:
     return {value: median(group) for group in groups for value in group}
 
 
-def _equal(scene: str, cells: dict[tuple[int, float], list[_Window]]) -> list[Row]:
+def _equal(scene: str, cells: dict[tuple[int, float], list[_Place]]) -> list[Row]:
     """Return the rows of a task on a picture, reduced to what every width has."""
-    widths = {width for width, _ in cells}
-    most = {w: max(_items(one) for at in cells if at[0] == w for one in cells[at]) for w in widths}
-    items = min(most.values())
-    full = {at: [one for one in cells[at] if _items(one) >= items] for at in cells}
-    speeds = {speed for _, speed in cells if all(full.get((w, speed)) for w in widths)}
-    if not speeds:
-        named = " and ".join(f"{width} px" for width in sorted(widths))
+    sizes = sorted({_items(place) for places in cells.values() for place in places})
+    items, kept = max(((n, _full(cells, n)) for n in sizes), key=lambda one: _worth(*one))
+    if not kept:
+        named = " and ".join(f"{width} px" for width in sorted({width for width, _ in cells}))
         raise RigError(
             f"evaluate: {scene}: found no speed that the crops of {named} have in common, expected "
             "one; record the same speeds from each distance, or give more windows"
         )
-    kept = {at: windows for at, windows in full.items() if at[1] in speeds}
-    count = min(len(windows) for windows in kept.values())
+    count = min(map(len, kept.values()))
     rows = []
-    for windows in kept.values():
-        spread = np.linspace(0, len(windows) - 1, count).round().astype(int).tolist()
+    for places in kept.values():
+        spread = np.linspace(0, len(places) - 1, count).round().astype(int).tolist()
         for sample, index in enumerate(spread):
-            rows += [replace(row, sample=sample) for row in windows[index] if row.item < items]
+            rows += [replace(row, sample=sample) for row in places[index] if row.item < items]
     return rows
 
 
-def _items(window: _Window) -> int:
-    return 1 + max(row.item for row in window)
+def _full(
+    cells: dict[tuple[int, float], list[_Place]], items: int
+) -> dict[tuple[int, float], list[_Place]]:
+    """Return the places with so many items, at the speeds that every width then has."""
+    full = {at: [one for one in cells[at] if _items(one) >= items] for at in cells}
+    widths = {width for width, _ in cells}
+    speeds = {speed for _, speed in cells if all(full.get((w, speed)) for w in widths)}
+    return {at: places for at, places in full.items() if at[1] in speeds}
+
+
+def _worth(items: int, kept: dict[tuple[int, float], list[_Place]]) -> tuple[int, int]:
+    """Return the number of cells, then that of the scores in each."""
+    return len(kept), items * min(map(len, kept.values()), default=0)
+
+
+def _items(place: _Place) -> int:
+    return 1 + max(row.item for row in place)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.errors import EventError
 from sensor.formats import Triggers
 from tasks.errors import RigError
 from tasks.rig.slider import Slider, read_columns
@@ -18,6 +19,9 @@ FILE_NAME = "triggers.csv"
 
 _MOST_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
 _FARTHEST_US = 1000.0  # largest distance of an edge from the fitted line
+_LEAST_SPAN = (
+    0.1  # of the edges, as a part of the readings, for a drift that holds for all of these
+)
 
 
 def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers]) -> Slider:
@@ -37,13 +41,15 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
     Returns
     -------
     slider
-        The same positions. One edge gives the offset of the clocks, several also their drift.
+        The same positions. One edge gives the offset of the clocks; several that span a tenth of
+        the readings or more also give their drift.
 
     Raises
     ------
     RigError
-        If a column is missing, a value is not a number, there is no edge, the numbers of edges
-        differ, or no offset and drift fit the edges.
+        If a column is missing, a value is not a number, there is no edge, the file of events has
+        edges on several channels, the numbers of edges differ, or no offset and drift fit the
+        edges.
     """
     columns = read_columns(file, ("slider_us",), optional=("t_us",))
     try:
@@ -53,8 +59,10 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
     slider_us = numbers["slider_us"]
     t_us = numbers.get("t_us")
     if t_us is None:
-        edges = seen()
-        t_us = edges.t_us[edges.p > 0].astype(np.float64)
+        try:
+            t_us = seen().rising_us().astype(np.float64)
+        except EventError as error:
+            raise RigError(f"{file}: {error}; give their times in a column t_us") from None
         if len(t_us) != len(slider_us):
             raise RigError(
                 f"{file}: found {len(slider_us)} edges, expected {len(t_us)}, the rising ones in "
@@ -62,7 +70,8 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
             )
     if not len(slider_us):
         raise RigError(f"{file}: found no edge, expected one or more")
-    drift = _drift(slider_us, t_us)
+    spans = float(np.ptp(slider_us)) >= _LEAST_SPAN * float(np.ptp(slider.t_us))
+    drift = _drift(slider_us, t_us) if spans else 0.0
     zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
     if not (abs(drift) < _MOST_DRIFT and off_us.max() < _FARTHEST_US):

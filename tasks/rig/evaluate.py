@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
@@ -54,7 +54,8 @@ Float64 = NDArray[np.float64]
 
 PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
-_EVEN = 1e-3  # largest deviation from constant speed at half time, as a fraction of the travel
+_EVEN = 1e-3  # largest deviation from constant speed within a window, as a fraction of the travel
+_ROUNDS = 3  # to find the window of a travel; readings of an encoder are in steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +113,8 @@ class RigEvaluation:
 class _Window:
     """A time window of constant speed."""
 
-    sample: int
+    number: int
+    place: int  # number of the place on the page, which windows there and back share
     start_us: int
     end_us: int
     x_m: tuple[float, float]  # position of the slider at the start and the end
@@ -242,23 +244,50 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
     middles_us = slider.evenly_along(settings.windows, first_us, last_us)
     found: list[_Window] = []
     for t_us in middles_us.tolist():
-        speed = abs(float(slider.speed_mps(t_us)))
-        if speed == 0:  # at rest, at the end of a stroke
-            continue
-        half_us = round(0.5e6 * settings.travel_m / speed)
+        half_us = _half_us(slider, t_us, settings.travel_m)
         start_us, end_us = t_us - half_us, t_us + half_us
-        if start_us < first_us or end_us > last_us:
+        if half_us == 0 or start_us < first_us or end_us > last_us:
             continue
-        x0, xm, x1 = slider.position_m([start_us, t_us, end_us]).tolist()
-        if abs(x1 - x0) > 0 and abs(xm - 0.5 * (x0 + x1)) < _EVEN * abs(x1 - x0):
-            found.append(_Window(len(found), start_us, end_us, (x0, x1)))
+        x = slider.position_m(np.linspace(start_us, end_us, 5))
+        moved_m = abs(x[-1] - x[0])
+        if np.max(np.abs(x - np.linspace(x[0], x[-1], 5))) < _EVEN * moved_m:
+            found.append(_Window(len(found), 0, start_us, end_us, (float(x[0]), float(x[-1]))))
     if not found:
         raise RigError(
             f"{EVENTS_NAME}: found no window of constant speed among {settings.windows} in "
             f"{1e-6 * (last_us - first_us):.3g} s, expected some of {1e3 * settings.travel_m:g} mm "
             "of travel; give more windows, or less travel"
         )
-    return found
+    return _at_places(found, settings.travel_m)
+
+
+def _half_us(slider: Slider, t_us: int, travel_m: float) -> int:
+    """Return half the time of a travel around a time, microseconds; 0 at rest."""
+    speed = abs(float(slider.speed_mps(t_us)))
+    if speed == 0:  # at the end of a stroke
+        return 0
+    half_us = 0.5e6 * travel_m / speed
+    for _ in range(_ROUNDS):
+        start_m, end_m = slider.position_m([t_us - half_us, t_us + half_us]).tolist()
+        if start_m == end_m:  # there and back
+            return 0
+        half_us *= travel_m / abs(end_m - start_m)
+    return round(half_us)
+
+
+def _at_places(windows: list[_Window], travel_m: float) -> list[_Window]:
+    """Return the windows with the numbers of their places, less than a travel long each.
+
+    Scores at one place are alike, as they are of the same part of the page.
+    """
+    middles = {one.number: 0.5 * sum(one.x_m) for one in windows}
+    places: dict[int, int] = {}
+    count, begin_m = 0, -math.inf
+    for number in sorted(middles, key=lambda k: middles[k]):
+        if middles[number] - begin_m >= travel_m:
+            count, begin_m = count + 1, middles[number]
+        places[number] = count - 1
+    return [replace(one, place=places[one.number]) for one in windows]
 
 
 def _log_view(crop: _Crop, x_m: float) -> Float64:
@@ -286,7 +315,7 @@ def _row(
         cutoff_hz=crop.cutoff_hz,
         contrast_threshold=crop.contrast_threshold,
         speed=round(window.speed_mps, 4),
-        sample=window.sample,
+        sample=window.place,
         metric=metric,
         value=value,
         event_rate_hz=1e6 * count / (window.end_us - window.start_us),
@@ -316,7 +345,7 @@ def _flow_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterato
     width = crop.camera.width
     centers_px, flow_px = _features(crop, window, settings.features)
     sigma_px = initial_sigma_px(width, settings.initial_sigma_px)
-    rng = np.random.default_rng([settings.seed, window.sample])
+    rng = np.random.default_rng([settings.seed, window.number])
     initial_px = flow_px + sigma_px * rng.standard_normal((settings.features, 2))[: len(flow_px)]
     log_image = _log_view(crop, window.x_m[0])
     sides = {patch_px(width): [""]}
@@ -342,7 +371,7 @@ def _flow_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterato
                     yield _row(
                         *(crop, window, "flow", name, "rnepe_px", error_px),
                         variant=variant,
-                        item=item,
+                        item=window.number * settings.features + item,
                         failure=estimate.failure,
                     )
 
@@ -368,7 +397,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         camera=crop.camera,
         plane=PLANE,
         T_0=pose(np.zeros(1))[0],
-        initial=perturbed(truth, sigma_m, [settings.seed, window.sample]),
+        initial=perturbed(truth, sigma_m, [settings.seed, window.number]),
         initial_sigma_m=sigma_m,
         max_events=200_000,
     )
@@ -380,6 +409,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         yield _row(
             *(crop, window, "tracking", name, "position_error_mm", error_mm),
             variant=sigma_variant(settings.initial_sigma_mm),
+            item=window.number,
             failure=failure_of(estimate, sample.initial, error_mm, initial_mm),
         )
 
@@ -398,4 +428,5 @@ def _video_rows(crop: _Crop, windows: list[_Window], settings: RigEvaluation) ->
         for window, truth, answer in zip(windows, truths, answers, strict=True):
             log_image, failure = image_answer("video", name, answer, blank)
             value = psnr_db(picture(log_image, size[::-1]), truth)
-            yield _row(crop, window, "video", name, "psnr_db", value, failure=failure)
+            at = crop, window, "video", name, "psnr_db"
+            yield _row(*at, value, item=window.number, failure=failure)

@@ -16,7 +16,7 @@ from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
 from tasks.rig.crop import EVENTS_NAME, read_crop
 from tasks.rig.page import read_page_image, reflectance
-from tasks.rig.page_view import page_view
+from tasks.rig.page_view import page_views
 
 _STEP_PX = 0.5  # motion between two frames of the light
 _STEP_US = 100.0  # time between two positions of which the motion is known
@@ -61,7 +61,7 @@ def light_of_crop(folder: Path) -> Footage:
     x_m = slider.position_m(t_us)
     middle = np.array([[0.5 * camera.width, 0.5 * camera.height]])
     at_m = on_page(pose, camera, middle, float(x_m.mean()))
-    seen_px = np.concatenate([pose.project(camera, at_m, x) for x in x_m.tolist()])
+    seen_px = pose.project(camera, at_m, x_m)[:, 0]
     way = np.linalg.norm(np.diff(seen_px, axis=0), axis=1).cumsum() / _STEP_PX
     steps = int(way[-1])
     if steps < 2:
@@ -73,8 +73,9 @@ def light_of_crop(folder: Path) -> Footage:
     positions_m = slider.position_m(chosen_us)
 
     def frames() -> Iterator[NDArray[np.float32]]:
+        view = page_views(camera, pose, page, light)
         for x in positions_m.tolist():
-            yield page_view(camera, pose, x, page, light).astype(np.float32)
+            yield view(x).astype(np.float32)
 
     first_us = int(chosen_us[0])
     return Footage(

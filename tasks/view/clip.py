@@ -145,7 +145,7 @@ class DepthSource:
         for t_us in times_us:
             picture = depth_colors(self.depth(t_us), near_m, far_m)
             height, width = picture.shape[:2]
-            bar = cv2.resize(legend, (width // 3, max(3, height // 40)))
+            bar = cv2.resize(legend, (max(1, width // 3), max(3, height // 40)))
             _inlay(picture, bar.astype(np.uint8, copy=False))
             yield Panel(picture, "true depth", f"{far_m:.3g} m (dark) to {near_m:.3g} m (bright)")
 
@@ -185,7 +185,7 @@ class FlowSource:
         longest = float(np.percentile(np.hypot(some[..., 0], some[..., 1]), 99)) or 1.0
         for t_us in times_us:
             picture = flow_colors(self.flow(t_us), longest)
-            side = min(self.size) // 5
+            side = max(1, min(self.size) // 5)
             y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
             wheel = flow_colors(np.dstack([x, y]), 1)
             _inlay(picture, wheel, x**2 + y**2 <= 1)
@@ -207,9 +207,11 @@ def _some(times_us: Sequence[int]) -> list[int]:
 
 
 def _inlay(picture: Picture, legend: Picture, shape: NDArray[np.bool_] | None = None) -> None:
-    """Put a legend with a black edge into the lower left corner."""
+    """Put a legend with a black edge into the lower left corner, if there is room."""
     height, width = legend.shape[:2]
     edge = max(2, picture.shape[0] // 200)
+    if height + 4 * edge > picture.shape[0] or width + 4 * edge > picture.shape[1]:
+        return
     inside = np.full((height, width), True) if shape is None else shape
     covered = np.pad(inside, edge)
     below = cv2.dilate(covered.astype(np.uint8), np.ones((2 * edge + 1,) * 2, np.uint8)) > 0

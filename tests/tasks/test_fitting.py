@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from moving_texture import texture_in_motion
 from sensor import Events, SensorModel, simulate
-from sensor.formats import write_events
+from sensor.formats import Triggers, write_events
 from sensor.profiles import read_profile
 from tasks.errors import TaskError
 from tasks.fitting.fit import Evidence, Found
@@ -352,6 +352,26 @@ def test_flashes_give_back_cutoff_and_latency(cutoff_hz, latency_s, photorecepto
     assert latency_s < early <= middle <= late
 
 
+def test_steps_that_the_recording_does_not_have_do_not_count():
+    """Promise: a recording that begins or ends in the answer to a step, or a list with times that
+    it does not have, gives the estimates of the whole steps alone."""
+    events, rises_us = flashes(100.0, 5e-4, steps=5)
+    whole = fit_response(events, rises_us)
+    assert whole.steps == 5
+    period_us = int(rises_us[1] - rises_us[0])
+    beyond = np.concatenate([[rises_us[0] - period_us], rises_us, [rises_us[-1] + period_us]])
+    assert fit_response(events, beyond) == whole
+    late_us = 2500  # in the middle of an answer
+    cut = events.between(rises_us[0] + late_us, rises_us[-1] + late_us)
+    found = fit_response(cut, rises_us)
+    assert found == fit_response(cut, rises_us[1:-1])
+    assert found.steps == 3
+    inside(found.cutoff_hz, 100.0)
+    inside(found.latency_s, 5e-4)
+    with pytest.raises(TaskError, match="steps: found 1 of 5 whose answers are in the recording"):
+        fit_response(events.between(0, rises_us[1] + late_us), rises_us)
+
+
 def with_background(events, pixels, count):
     """Return the events on a larger sensor, with ON events of other pixels at random times."""
     rng = np.random.default_rng(1)
@@ -533,6 +553,19 @@ def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
             read_steps(str(file), file)
     with pytest.raises(TaskError, match=r"none\.txt: no such file"):
         read_steps(str(tmp_path / "none.txt"), file)
+
+
+def test_steps_are_the_edges_of_one_channel(tmp_path):
+    """Promise: edges of a camera's clock on one input are no flashes of the lamp on another."""
+    t_us, channel = np.arange(100, 700, 100), np.array([0, 1] * 3, np.uint8)
+    edges = Triggers(t_us, channel, np.ones(6, np.int8))
+    file = tmp_path / "events.h5"
+    write_events(file, moving(0.2, 0.2, 1e-2)[:9], triggers=edges)
+    assert read_steps("triggers:1", file).tolist() == [200, 400, 600]
+    with pytest.raises(TaskError, match=r"events.h5: triggers: found edges on channel 0, 1, exp"):
+        read_steps("triggers", file)
+    with pytest.raises(TaskError, match="found edges on channel 0, 1, expected 3 among them"):
+        read_steps("triggers:3", file)
 
 
 @given(st.integers(0, 2000), st.integers(1, 50))

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from browser import LOW_CONTRAST, watched
-from eres_render import ground_truth, load_scene, open_sequence, render_scene
+from eres_render import Camera, ground_truth, load_scene, open_sequence, render_scene
 from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
 from moving_objects import FLOOR, SPHERE, folder_of, moved, write_path
 from sensor import SensorModel
 from sensor.formats import Header, load_events, read_header, write_events
 from tasks.errors import TaskError
-from tasks.view.clip import ClipFrames, FlowSource
+from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.drawing import (
     PALETTES,
     depth_colors,
@@ -367,6 +367,19 @@ def test_flow_at_the_end_of_a_path_that_goes_on(tmp_path):
     middle, end = (source.flow(t_us) for t_us in (19_000, 20_000))
     np.testing.assert_allclose(middle, end, atol=0.1)
     assert abs(end).max() > 1.0
+
+
+@pytest.mark.parametrize(("width", "height"), [(8, 6), (32, 3), (3, 32)])
+def test_a_legend_that_does_not_fit_is_left_out(tmp_path, width, height):
+    """Promise: depth and flow of a few pixels are pictures, not a traceback."""
+    scene = load_scene(folder_of(tmp_path / "ball", FLOOR, SPHERE))
+    camera = Camera(width, height, 0.8)
+    options = {"spp": 1, "integrator": "emission", "continuous": True, "duration_s": 0.1}
+    (sequence,) = render_scene(scene, tmp_path / "clip", camera=camera, **options)
+    for kind in (DepthSource, FlowSource):
+        source = kind(ClipFrames(sequence), ground_truth(sequence))
+        pictures = [panel.picture for panel in source.panels([0, 50_000])]
+        assert [picture.shape[:2] for picture in pictures] == [(height, width)] * 2
 
 
 def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):

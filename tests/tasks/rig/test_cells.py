@@ -52,9 +52,9 @@ def test_speeds_and_widths_within_a_tenth_are_one():
     assert near == [1.0 + 0.01 * k for k in range(6)]
 
 
-def test_each_width_has_as_many_windows_and_items():
-    """Promise: of unequal recordings, the same number of windows, evenly spread, and of items, the
-    first ones, is kept; a window with few items is left out instead of reducing all others."""
+def test_each_width_has_as_many_places_and_items():
+    """Promise: of unequal recordings, the same number of places, evenly spread, and of items, the
+    first ones, is kept; a place with few items is left out instead of reducing all others."""
     far, near = recording(640, [0.2] * 5), recording(1190, [0.2] * 3, items=4)
     sparse = [row for row in far if row.sample != 1 or row.item == 0]
     rows = in_cells([sparse, near])
@@ -67,6 +67,20 @@ def test_each_width_has_as_many_windows_and_items():
     assert {row.speed for row in alone} == {0.6}
     with pytest.raises(RigError, match="mine: found no speed that the crops of 640 px and 1190 px"):
         in_cells([recording(640, [0.2]), recording(1190, [0.6])])
+
+
+def test_visits_of_a_place_are_one_sample():
+    """Promise: patches there and back are items of one sample, numbered from 0; of places that were
+    visited once or twice, those are kept that have the most scores."""
+    once = recording(640, [0.2] * 8)
+    twice = once + [replace(row, item=100 + row.item) for row in once]
+    rows = in_cells([twice, recording(1190, [0.2] * 8, items=6)])
+    assert keys(rows, "flow") == {
+        (w, 0.2, k, i) for w in (640, 1190) for k in range(8) for i in range(6)
+    }
+    few = [row for row in twice if row.item < 100 or row.sample == 0]
+    rows = in_cells([few])
+    assert keys(rows, "flow") == {(640, 0.2, k, i) for k in range(8) for i in range(3)}
 
 
 def test_each_light_has_its_own_cells():

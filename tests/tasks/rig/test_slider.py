@@ -52,6 +52,48 @@ def test_no_window_is_in_a_pause():
         assert all(abs(slider.speed_mps(0.5 * (w.start_us + w.end_us))) > 0.1 for w in found)
 
 
+def events_until(t_us):
+    """Return an event in each millisecond."""
+    t_us = np.arange(0, t_us + 1, 1000)
+    x = np.zeros(len(t_us), np.uint16)
+    return Events(t_us, x, x, np.ones(len(t_us), np.int8), width=1, height=1)
+
+
+def test_windows_there_and_back_share_their_places():
+    """Promise: 5 places, 40 mm apart, are visited twice at each of two speeds."""
+    slider = strokes(SETTINGS)
+    found = _windows(slider, events_until(int(slider.t_us[-1])), RigEvaluation(windows=20))
+    assert len(found) > 16
+    middles_mm = {}
+    for window in found:
+        middles_mm.setdefault(window.place, []).append(500 * sum(window.x_m))
+    assert all(np.ptp(at) < 6 for at in middles_mm.values())
+    assert len(middles_mm) == 5
+    assert sorted(middles_mm) == list(range(len(middles_mm)))
+
+
+@pytest.mark.parametrize("step_m", [5e-6, 13e-6])
+def test_windows_have_the_travel_though_the_encoder_has_steps(step_m):
+    """Promise: the travel of a window is that which was asked for, to two steps of the encoder."""
+    t_us = np.arange(0.0, 1e6, 500.0)
+    slider = Slider(t_us, np.round(0.21e-6 * t_us / step_m) * step_m)
+    found = _windows(slider, events_until(999_000), RigEvaluation(windows=20))
+    assert len(found) > 5
+    for window in found:
+        assert abs(window.x_m[1] - window.x_m[0]) == pytest.approx(0.006, abs=2 * step_m)
+
+
+def test_a_window_has_one_speed_from_its_start_to_its_end():
+    """Promise: a stroke shorter than a window, whose motion is symmetric about its middle, has
+    none."""
+    t_us = np.arange(0.0, 2e5, 1000.0)
+    speed = np.interp(t_us, [5e4, 6e4, 8e4, 9e4], [0.0, 0.2, 0.2, 0.0])
+    slider = Slider(t_us, np.concatenate([[0.0], np.cumsum(speed[1:] * 1e-3)]))
+    assert 0.0055 < slider.x_m[-1] < 0.0065
+    with pytest.raises(RigError, match="found no window of constant speed"):
+        _windows(slider, events_until(199_000), RigEvaluation(windows=9))
+
+
 def test_files_keep_every_digit(tmp_path):
     slider = strokes(SETTINGS)
     write_slider(tmp_path / "slider.csv", slider)

@@ -49,6 +49,20 @@ def test_edges_of_the_file_of_events(tmp_path):
     assert one.t_us == pytest.approx(SLIDER.t_us + 7_000_123)
 
 
+def test_edges_close_together_give_no_drift(tmp_path):
+    """Promise: a contact that bounces by a microsecond within 2 ms says nothing of a second."""
+    found = on_clock_of_events(SLIDER, written(tmp_path, ["0,1000000", "2000,1002001"]), never)
+    assert found.t_us == pytest.approx(SLIDER.t_us + 1_000_000.5)
+
+
+def test_edges_on_several_channels_are_refused(tmp_path):
+    """Promise: edges of a camera's clock are not taken for those of the slider."""
+    edges = Triggers(np.arange(4), np.array([0, 1] * 2, np.uint8), np.ones(4, np.int8))
+    file = written(tmp_path, ["5000", "300000"], "slider_us")
+    with pytest.raises(RigError, match=r"triggers.csv: triggers: found edges on channel 0, 1, exp"):
+        on_clock_of_events(SLIDER, file, lambda: edges)
+
+
 @pytest.mark.parametrize(
     ("header", "lines", "expected"),
     [
