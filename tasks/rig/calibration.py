@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eres_render import Camera
+from eres_render import Camera, Distortion
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import Vector3, read_json
 from tasks.errors import RigError
@@ -62,6 +63,9 @@ class StoredPose:
         )
 
 
+_INTRINSICS = ("fx", "fy", "cx", "cy", *(field.name for field in fields(Distortion)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolvedRecording:
     """The solution of one recording.
@@ -91,6 +95,8 @@ class SolvedRecording:
         Number of markers found and used, and of images with markers.
     x_m
         Smallest and largest position of the slider in the images used, m.
+    intrinsics
+        fx, fy, cx, cy, k1, k2, p1, p2, k3 of the camera; empty in files of earlier versions.
     """
 
     recording: str
@@ -107,20 +113,29 @@ class SolvedRecording:
     inliers: int
     images: int
     x_m: tuple[float, float]
+    intrinsics: tuple[float, ...] = ()
 
     def check_camera(self, camera: Camera) -> None:
-        """Refuse a camera of another size.
+        """Refuse another camera than that of the calibration.
 
         Raises
         ------
         RigError
-            If the size of the camera's image is not that of the calibration.
+            If its size, its intrinsics or its lens differ.
         """
         if (self.width, self.height) != (camera.width, camera.height):
             raise RigError(
                 f"calibration: found a camera of {self.width}x{self.height} px, expected "
                 f"{camera.width}x{camera.height}, that of the recording"
             )
+        for name, found, expected in zip(
+            _INTRINSICS, self.intrinsics, _intrinsics_of(camera), strict=False
+        ):
+            if not math.isclose(found, expected, rel_tol=1e-9, abs_tol=1e-12):
+                raise RigError(
+                    f"calibration: found a camera with {name} = {found:.6g}, expected "
+                    f"{expected:.6g}, that of the recording; solve it again"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,7 +236,14 @@ def _stored(recording: Recording, found: Detections, solution: Solution) -> Solv
         inliers=int(solution.inliers.sum()),
         images=solution.images,
         x_m=(float(x_m.min()), float(x_m.max())),
+        intrinsics=_intrinsics_of(recording.camera),
     )
+
+
+def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
+    """Return fx, fy, cx, cy, k1, k2, p1, p2 and k3 of a camera, px and without a unit."""
+    lens = astuple(camera.distortion or Distortion())
+    return (camera.fx, camera.fy, camera.cx, camera.cy, *lens)
 
 
 def write_calibration(path: Path, solved: list[SolvedRecording]) -> None:

@@ -216,6 +216,23 @@ def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, ere
         assert known[name].value == pytest.approx(0.2, rel=0.15)
 
 
+def test_a_calibration_is_of_its_camera(recording, frames_solved):
+    """Promise: poses of other intrinsics or another lens are refused; files of earlier versions,
+    which do not have them, are read."""
+    camera = recording.camera
+    frames_solved.check_camera(camera)
+    replace(frames_solved, intrinsics=()).check_camera(camera)
+    other = Camera(camera.width, camera.height, fx=1.01 * camera.fx)
+    with pytest.raises(
+        RigError, match=r"calibration: found a camera with fx = \d+.*solve it again"
+    ):
+        frames_solved.check_camera(other)
+    given = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    bent = Camera(camera.width, camera.height, **given, distortion=Distortion(k1=0.1))
+    with pytest.raises(RigError, match=r"with k1 = 0, expected 0.1, that of the recording; solve"):
+        frames_solved.check_camera(bent)
+
+
 def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     """Promise: a crop's events, poses and homographies belong together, and methods beat doing
     nothing on it."""
