@@ -174,10 +174,13 @@ class Recording:
             found = read_exposures(self.folder)
         except TaskError as error:
             raise RigError(str(error)) from None
-        frames = [
-            Frame(one.start_us, one.end_us, self.folder / FRAMES_FOLDER / one.file) for one in found
-        ]
+        frames = [Frame(one.start_us, one.end_us, self._image(one.file)) for one in found]
         return tuple(sorted(frames, key=lambda frame: frame.t_us))
+
+    def _image(self, name: str) -> Path:
+        """Return an image of frames.csv, which may leave out its folder."""
+        listed = self.folder / name
+        return listed if listed.exists() else self.folder / FRAMES_FOLDER / name
 
 
 def write_frames_table(folder: Path, frames: list[Frame]) -> None:
@@ -190,8 +193,9 @@ def write_frames_table(folder: Path, frames: list[Frame]) -> None:
     frames
         The images, in its folder `frames`.
     """
-    exposures = (Exposure(one.t_start_us, one.t_end_us, one.file.name) for one in frames)
-    write_exposures(folder, exposures)
+    images = (f"{FRAMES_FOLDER}/{one.file.name}" for one in frames)  # from the table, as elsewhere
+    times = ((one.t_start_us, one.t_end_us) for one in frames)
+    write_exposures(folder, (Exposure(*at, one) for at, one in zip(times, images, strict=True)))
 
 
 def open_recording(folder: Path) -> Recording:

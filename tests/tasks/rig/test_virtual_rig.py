@@ -22,6 +22,7 @@ from tasks.cli import main
 from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
+from tasks.recording.frames import open_frames
 from tasks.rig import virtual
 from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import (
@@ -214,6 +215,21 @@ def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, ere
     assert high < 2 / (math.pi * CUTOFF_HZ)
     for name in ("threshold_on", "threshold_off"):
         assert known[name].value == pytest.approx(0.2, rel=0.15)
+
+
+def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
+    """Promise: `--frames` of other commands reads the table of a rig's recording; the rig also
+    reads tables that leave out the folder of the images."""
+    frames = open_frames(folder)
+    assert list(frames.files) == [one.file for one in recording.frames]
+    bare = tmp_path / "bare"
+    shutil.copytree(folder, bare)
+    table = bare / "frames.csv"
+    table.write_text(table.read_text().replace("frames/", ""))
+    assert [one.file.name for one in open_recording(bare).frames] == [
+        one.file.name for one in recording.frames
+    ]
+    assert all(one.file.exists() for one in open_recording(bare).frames)
 
 
 def test_a_calibration_is_of_its_camera(recording, frames_solved):
