@@ -6,6 +6,7 @@ have neither shadows nor noise, and cost one ray for each sample.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -52,7 +53,7 @@ _SHAPE = """  <shape type="ply" id={name}>
     </texture></emitter>
   </shape>
 """
-_TOML = """title = "{title}"
+_TOML = """title = {title}
 license = "CC0-1.0"
 length_unit = "m"
 radiance_unit = "W m^-2 sr^-1"
@@ -113,7 +114,8 @@ def write_random_scene(
     walls = np.array([-1.0, 1.0])[:, None] * rng.uniform((2.0, 2.0, 1.4), (4.0, 5.0, 2.0), (2, 3))
     free_m = _FREE_M + baseline_m
     light = float(np.exp(rng.uniform(*_LOG_LIGHT)))
-    xml, toml = [], [_TOML.format(title=folder.name, fov_deg=_FOV_DEG, clearance_m=_CLEARANCE_M)]
+    title = json.dumps(folder.name, ensure_ascii=False)  # a basic string of TOML, too
+    xml, toml = [], [_TOML.format(title=title, fov_deg=_FOV_DEG, clearance_m=_CLEARANCE_M)]
 
     def add(name: str, charts: Sequence[Chart], distance_m: float) -> None:
         _write_shape(folder / name, charts, distance_m / camera.fx, light, rng)

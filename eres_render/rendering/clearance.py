@@ -15,11 +15,11 @@ Float64 = NDArray[np.float64]
 _DIRECTIONS = 512  # one every 9 degrees: 3 cm apart at 0.2 m
 _FEWEST_PLACES, _MOST_PLACES = 100, 2000
 _RAYS_AT_ONCE = 1 << 18
+_CHORDS = 20_000  # that measure the length of a path
 
 
 def check_clearance(
     place: Callable[[Float64], Float64],
-    length_m: float,
     duration_s: float,
     caster: RayCaster,
     min_clearance_m: float,
@@ -37,8 +37,6 @@ def check_clearance(
     ----------
     place
         Returns the positions of the camera, (N, 3) m, at (N,) times in seconds.
-    length_m
-        Length of its path.
     duration_s
         How much of it to check, s.
     caster
@@ -56,9 +54,8 @@ def check_clearance(
     TrajectoryError
         The text names the first bad time and the shape.
     """
-    count = int(np.clip(2 * length_m / min_clearance_m, _FEWEST_PLACES, _MOST_PLACES)) + 1
-    t_s = np.linspace(0.0, duration_s, count)
-    places = place(t_s)
+    t_s = _evenly_along(place, duration_s, min_clearance_m)
+    count, places = len(t_s), place(t_s)
     steps = np.diff(places, axis=0, append=places[-1:])
     directions = _sphere(_DIRECTIONS)
     places_at_once = _RAYS_AT_ONCE // _DIRECTIONS
@@ -89,6 +86,20 @@ def check_clearance(
                 f"{where}: at t = {t_s[start + k]:.3f} s the camera {found}, expected a path that "
                 f"keeps min_clearance_m = {min_clearance_m:g} m from every surface"
             )
+
+
+def _evenly_along(
+    place: Callable[[Float64], Float64], duration_s: float, min_clearance_m: float
+) -> Float64:
+    """Return times from 0 to the duration at places evenly along the path, which may rest."""
+    t_s = np.linspace(0.0, duration_s, _CHORDS + 1)
+    chords_m = np.linalg.norm(np.diff(place(t_s), axis=0), axis=1)
+    along_m = np.concatenate([[0.0], np.cumsum(chords_m)])
+    steps = np.clip(np.ceil(2 * along_m[-1] / min_clearance_m), _FEWEST_PLACES, _MOST_PLACES)
+    count = int(steps) + 1
+    if along_m[-1] == 0:
+        return np.linspace(0.0, duration_s, count)
+    return np.interp(np.linspace(0.0, along_m[-1], count), along_m, t_s)
 
 
 def _sphere(n: int) -> Float64:

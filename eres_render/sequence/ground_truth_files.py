@@ -96,8 +96,8 @@ def write_truth(
         if side is not None and side < 1:
             raise RenderError(f"{name}: found {side}, expected at least 1 px")
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
-    if times.ndim != 1 or not np.all(np.diff(times) > 0):  # NaN is not
-        raise RenderError(f"t_s: found {times.tolist()}, expected increasing times")
+    if times.ndim != 1 or not len(times) or not np.all(np.diff(times) > 0):  # NaN is not
+        raise RenderError(f"t_s: found {times.tolist()}, expected one or more increasing times")
     path = truth.trajectory  # times that it does not have are refused before anything is deleted
     poses = tum_text(times, path.pose(times), path.t_offset_us)
     of_objects = [
@@ -163,7 +163,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
             f"{folder}: contains truth already, {len(old)} files such as {old[0].name}; add "
             "--overwrite to replace it, or write elsewhere"
         )
-    for file in old:
+    for file in sorted(old, key=lambda one: one.name != "camera.json"):  # first, as it comes last
         try:
             file.unlink()
         except OSError as error:

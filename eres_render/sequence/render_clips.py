@@ -129,7 +129,8 @@ def clip_in_progress(
     on_progress
         Called after each rendered frame, with the number of frames up to this one.
     frame_times
-        `adaptive_times`, or `paced_times` for cameras and objects that move fast.
+        `adaptive_times`, or `paced_times`, which costs less where cameras and objects move fast and
+        evenly.
 
     Yields
     ------
@@ -138,8 +139,8 @@ def clip_in_progress(
     Raises
     ------
     RenderError
-        If the folder holds a sequence with other settings, or cannot be written; finished frames
-        stay.
+        If the clip ends after the path, or the folder holds a sequence with other settings, or
+        cannot be written; finished frames stay.
 
     Examples
     --------
@@ -154,6 +155,11 @@ def clip_in_progress(
     (True, True)
     """
     out_dir = Path(out_dir)
+    if clip.t_window_end_s > renderer.scene.duration_s:
+        raise RenderError(
+            f"Clip {clip.index}: found an end at {clip.t_window_end_s:g} s, expected at most "
+            f"{renderer.scene.duration_s:g} s, the duration of {renderer.scene.path_name}"
+        )
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     manifest = _manifest(renderer, clip, t_s, max_displacement_px)
     with locked(out_dir / ".lock"), ThreadPoolExecutor(1, thread_name_prefix="exr") as writing:

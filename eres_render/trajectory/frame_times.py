@@ -160,7 +160,9 @@ def object_image_motion(
 
     It is measured on a grid of image points that the object's box covers at the first time or, if
     the object is not in view then, at the second: so an object that flies into the view counts as
-    soon as it is there. What hides it is not considered.
+    soon as it is there. Where the box is in view and all points of the grid miss the object, as
+    those of two small balls far apart may, the corners of its box count. What hides it is not
+    considered.
 
     Parameters
     ----------
@@ -199,7 +201,7 @@ def object_image_motion(
 
     @functools.lru_cache(maxsize=2)
     def seen_at(t_s: float) -> Float64:
-        """Return points of the object that are in view, (N, 3) in its own coordinates."""
+        """Return points of the object, (N, 3) in its own coordinates; none out of view."""
         T = T_cam_object(t_s)
         box = in_camera(T, corners)
         if not np.any(box[:, 2] > 0):
@@ -217,6 +219,8 @@ def object_image_motion(
         rays = camera.rays(grid) @ T_object_cam[:3, :3].T
         reach = distance(T_object_cam[:3, 3], rays)
         met = np.isfinite(reach)
+        if not met.any():
+            return corners if np.all(box[:, 2] > 0) else np.empty((0, 3))
         return T_object_cam[:3, 3] + reach[met, None] * rays[met]
 
     def motion(t_0_s: float, t_1_s: float) -> float:
@@ -305,6 +309,8 @@ def adaptive_times(
             while motion(t, t + high) < max_displacement_px and high < rest_s:
                 low, high = high, min(1.25 * high, high + _LONGEST_STRIDE_S, rest_s)
             if motion(t, t + high) > max_displacement_px:
+                if motion(t, t + low) >= max_displacement_px:  # by rounding
+                    raise _too_fast(max_displacement_px, low, t)
                 high = brentq(
                     lambda dt, t=t: motion(t, t + dt) - max_displacement_px, low, high, xtol=1e-9
                 )
@@ -318,12 +324,12 @@ def adaptive_times(
 def paced_times(
     motion: ImageMotion, marks_s: Sequence[float], max_displacement_px: float
 ) -> NDArray[np.float64]:
-    """Return frame times between which the image moves at most `max_displacement_px`, at less cost.
+    """Return such frame times at less cost, for motion whose speed hardly changes within 4 ms.
 
     The largest speed in the image is measured every 4 ms, and the greater of two such speeds counts
-    for the time between them. Frames are equally far apart in the integral of that speed, which no
-    point of the image exceeds. So there are some more frames than with `adaptive_times`, and the
-    cost does not depend on their number.
+    for the time between them. Frames are equally far apart in the integral of that speed. So there
+    are some more frames than with `adaptive_times`, and the cost does not depend on their number.
+    Vibration, and what crosses the view, within those 4 ms is missed.
 
     Parameters
     ----------

@@ -83,7 +83,9 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         for name in ("knots_s", "controls"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+            own = np.array(getattr(self, name), dtype=np.float64)  # what follows from them is kept
+            own.flags.writeable = False
+            object.__setattr__(self, name, own)
         object.__setattr__(self, "t_offset_us", int(self.t_offset_us))
         shape = self.controls.shape
         if len(shape) != 3 or shape[0] < 4 or shape[1:] != (4, 4):

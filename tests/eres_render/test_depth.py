@@ -8,6 +8,7 @@ import pytest
 from eres_render import (
     Clip,
     Renderer,
+    RenderError,
     SceneError,
     TrajectoryError,
     load_scene,
@@ -16,6 +17,7 @@ from eres_render import (
     waypoint_loop,
 )
 from eres_render.rendering import lightmaps as bake
+from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.trajectory import spline
@@ -205,6 +207,31 @@ def test_a_path_into_things_is_refused_before_anything_is_written(tmp_path, chan
     with pytest.raises(TrajectoryError, match=message) as caught:
         render_clip(renderer, Clip(0, 0.24, 0.25, 0.29), tmp_path / "clip", 0.5)
     assert "scene.toml: path: at t = " in str(caught.value)
+    assert not (tmp_path / "clip").exists()
+
+
+def test_a_dash_after_a_long_rest_is_checked_at_every_place(room):
+    """Promise: places are half the clearance apart, whatever the speed there."""
+    caster = RayCaster(load_mi_scene(room))
+    asked = []
+
+    def place(t_s):
+        asked.append(np.interp(t_s, [0.0, 9.5, 10.0], [0.0, 0.0, 1.0])[:, None] * [0.2, 0.1, 0.0])
+        return asked[-1] + [1.0, 0.0, 1.5]
+
+    check_clearance(place, 10.0, caster, 0.002, "path")
+    steps = np.linalg.norm(np.diff(asked[-1], axis=0), axis=1)
+    assert steps.max() <= 0.001 * (1 + 1e-9)
+    assert steps.sum() == pytest.approx(np.hypot(0.2, 0.1))
+
+
+def test_a_clip_beyond_the_checked_path_is_refused(room, tmp_path):
+    """Promise: what is rendered keeps clear of surfaces; the spline may go on after the path."""
+    renderer = Renderer(room, 16, 1)
+    end_s = room.duration_s
+    assert renderer.trajectory.duration_s > end_s
+    with pytest.raises(RenderError, match=r"Clip 0: found an end at .* s, expected at most"):
+        render_clip(renderer, Clip(0, 0.1, 0.2, end_s + 0.1), tmp_path / "clip", 0.5)
     assert not (tmp_path / "clip").exists()
 
 

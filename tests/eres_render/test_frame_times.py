@@ -66,6 +66,12 @@ def test_an_image_that_is_too_fast_for_frames_is_refused(times, px_per_s):
         times(lambda a, b: px_per_s * (b - a), (0.0, 1e-3), 0.5)
 
 
+def test_a_limit_below_rounding_is_refused():
+    """Promise: an error of the path, not one of the search."""
+    with pytest.raises(RenderError, match="path: found an image that moves 1e-14 px within 0 s"):
+        adaptive_times(lambda a, b: 100 * (b - a) + 2e-14, (0.0, 1e-3), 1e-14)
+
+
 def test_paced_times_keep_the_limit_too(motion):
     """A few more frames than `adaptive_times` makes, none farther apart."""
     t_s = paced_times(motion, MARKS_S, 0.5)

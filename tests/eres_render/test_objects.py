@@ -260,6 +260,25 @@ def test_an_object_that_flies_through_the_view_is_not_missed():
     assert len(t_s) < 20
 
 
+def test_an_object_that_the_grid_misses_is_not_missed():
+    """Two small squares, 1 m apart on one object, cross the view of a camera at rest: the step is
+    the limit, though no ray of the grid over their common box meets them."""
+    camera = Camera(128, 128, fx=128.0)
+    box = np.array([[-0.51, -0.01, 0.0], [0.51, 0.01, 0.0]])
+
+    class AtRest:
+        def pose(self, t_s):
+            return np.broadcast_to(np.eye(4), (*np.shape(t_s), 4, 4))
+
+    def distance(origin, rays):
+        return np.full(len(rays), np.inf)
+
+    motion = object_image_motion(AtRest(), camera, lambda t: moved(x=t - 0.1, z=2.0), box, distance)
+    t_s = adaptive_times(motion, (0.0, 0.2), 0.5)
+    assert len(t_s) == 27  # 0.2 m of 64 px
+    np.testing.assert_allclose(np.diff(t_s)[:-1], 0.5 / 64, rtol=1e-6)
+
+
 def truth_of(scene, width=96):
     distance, bodies = surfaces(scene, scene.objects(0, scene.duration_s))
     return GroundTruth(scene.trajectory(), scene.camera(width), distance, scene.plane, bodies)

@@ -41,6 +41,13 @@ def test_the_camera_sees_fronts_everywhere_and_keeps_clear(tmp_path, seed):
     assert abs(frames[0] - frames[2]).max() > 0.01 * frames[0].mean()
 
 
+@pytest.mark.parametrize("name", ['a "quoted" one', "back\\slash", "über"])
+def test_a_folder_may_have_any_name(tmp_path, name):
+    """Promise: scene.toml is TOML, and has the name as its title."""
+    write_random_scene(tmp_path / name, 3, 0.2, 16)
+    assert load_scene(tmp_path / name).settings.title == name
+
+
 def test_patterns_have_any_shape():
     for k in range(len(PATTERNS)):
         for shape, texel_m in (((1, 3), 0.02), ((70, 40), 0.004), ((8, 900), 0.001)):

@@ -142,6 +142,8 @@ def test_the_sampler_lays_out_what_is_let_through(small_carpet):
 def test_seeds_that_the_sampler_does_not_take_are_refused(small_carpet, seed):
     with pytest.raises(RenderError, match=f"seed: found {seed}, expected 0 to"):
         Renderer(small_carpet, 16, 4, seed=seed)
+    with pytest.raises(RenderError, match=f"seed: found {seed}, expected 0 to"):
+        Renderer(small_carpet, 4, 1).frame(small_carpet.trajectory().pose(0.1), seed=seed)
 
 
 def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet):

@@ -41,6 +41,17 @@ def test_home_looks_down_with_the_image_upright():
     np.testing.assert_allclose(HOME[:3, 3], [0, 0, 1.8])
 
 
+def test_a_path_has_its_own_poses():
+    """Promise: an array that is changed later changes no path, whose own cannot be changed."""
+    controls = np.tile(np.eye(4), (5, 1, 1))
+    controls[:, 0, 3] = [-0.1, 0.0, 0.1, 0.2, 0.3]
+    path = Trajectory(0.1 * np.arange(-1.0, 4.0), controls)
+    controls[:, 0, 3] *= 2
+    assert path.pose(0.05)[0, 3] == pytest.approx(0.05)
+    with pytest.raises(ValueError, match="read-only"):
+        path.controls[0] = np.eye(4)
+
+
 def test_position_and_rotation_are_twice_continuously_differentiable():
     """Across a knot, the value and both derivatives agree from the left and from the right."""
     path, h = a_path(), 1e-3

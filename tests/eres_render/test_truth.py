@@ -1,6 +1,8 @@
 """Ground truth: depth, flow and visibility against explicit geometry and against the frames."""
 
 import json
+import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -207,7 +209,7 @@ def test_a_step_of_days_has_both_ends_of_the_window():
         assert window_times(sequence, step_s).tolist() == [0.25, 0.3]
 
 
-def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
+def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path, monkeypatch):
     folder = room_folder(tmp_path / "room")
     scene = load_scene(folder)
     sequence = render_clip(Renderer(scene, 32, 1), Clip(0, 0.24, 0.25, 0.29), tmp_path / "s", 1.0)
@@ -225,8 +227,8 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     def look(stage, done, total):
         there.append((tmp_path / "out" / "camera.json").exists())
 
-    for bad in ([0.3, 0.25], [0.25, 0.25], [0.25, np.nan], 0.25):
-        with pytest.raises(RenderError, match=r"t_s: found .*, expected increasing times"):
+    for bad in ([0.3, 0.25], [0.25, 0.25], [0.25, np.nan], 0.25, []):
+        with pytest.raises(RenderError, match=r"t_s: found .*, expected one or more increasing"):
             write_truth(truth, tmp_path / "out", bad, 40)
     assert not (tmp_path / "out").exists()
     options = {"flow_png": True, "on_progress": look}
@@ -251,6 +253,19 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     with pytest.raises(TrajectoryError, match="asked for a time in"):
         write_truth(truth, tmp_path / "out", [0.25, 1e3], 40, overwrite=True)
     assert {file: file.read_bytes() for file in files} == before, "what is refused deletes nothing"
+
+    def unlink(file, missing_ok=False):  # killed at the second file
+        if len(removed) == 1:
+            raise KeyboardInterrupt
+        removed.append(file.name)
+        os.unlink(file)
+
+    removed = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", unlink)
+        with pytest.raises(KeyboardInterrupt):
+            write_truth(truth, tmp_path / "out", [0.25], 40, overwrite=True)
+    assert removed == ["camera.json"]
 
     # A changed scene gives no truth for frames of the old one.
     xml = (folder / "scene.xml").read_text()
