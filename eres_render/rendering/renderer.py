@@ -45,6 +45,7 @@ Integrator = Literal["baked", "baked-full", "path", "emission"]
 _log = logging.getLogger(__name__)
 
 _VIEWS = 9  # rays along a side of the image that show whether the camera sees the plane
+_MOST_ROUNDING_PX = 0.05  # a tenth of the usual motion from frame to frame
 _DEPTHS = 33  # rays along a side of the image that find the nearest surface
 _OFF_PLANE = 0.01  # relief stays below this share of the distance
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
@@ -534,6 +535,7 @@ def _check_path(
         return trajectory.pose(t_s)[..., :3, 3]
 
     check_clearance(place, duration_s, still, *rest)
+    _warn_if_far_from_origin(scene, camera, trajectory, still)
     if scene.plane is not None:
         for t_s in (0.0, duration_s):
             _check_plane(scene.plane, camera, trajectory.pose(t_s), still, scene.folder)
@@ -544,6 +546,23 @@ def _check_path(
 
         check_clearance(place_in_body, duration_s, body.caster, *rest, alone=True)
     return trajectory
+
+
+def _warn_if_far_from_origin(
+    scene: Scene, camera: Camera, trajectory: Trajectory, still: RayCaster
+) -> None:
+    """Warn where single precision, which Mitsuba renders in, makes the image jump."""
+    T = trajectory.pose(np.linspace(0.0, scene.duration_s, _VIEWS))
+    rays = camera.rays(camera.grid(_VIEWS))
+    near_m = min(float(still.distance(one[:3, 3], rays @ one[:3, :3].T).min()) for one in T)
+    farthest_m = float(np.abs(T[:, :3, 3]).max())
+    step_px = float(np.spacing(np.float32(farthest_m))) * max(camera.fx, camera.fy) / near_m
+    if step_px > _MOST_ROUNDING_PX:
+        _log.warning(
+            "%s: found a camera %.3g m from the origin, where single precision moves the image in "
+            "steps of %.2g px, expected at most %g: move the scene and its path to the origin",
+            *(scene.path_name, farthest_m, step_px, _MOST_ROUNDING_PX),
+        )
 
 
 def _check_plane(

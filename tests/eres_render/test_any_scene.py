@@ -39,6 +39,21 @@ def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
     assert 0.2 < frame[16, 16] < 0.9  # the ball, gray by default
 
 
+def test_a_scene_far_from_the_origin_is_told(tmp_path, caplog):
+    """Promise: coordinates whose rounding moves the image cause a warning, usual ones do not."""
+    for far_m, told in ((0.0, False), (1e5, True)):
+        ball = BALL.replace(
+            'value="0.5"/>', f'value="0.5"/><point name="center" x="{far_m}" y="0" z="0"/>'
+        )
+        (folder := tmp_path / f"{far_m:g}").mkdir()
+        poses = write_poses(folder, [(x + far_m, y, z) for x, y, z in POSITIONS_M], T_S)
+        scene = load_scene(write_scene(folder, CAMERA, ball, SKY), poses)
+        caplog.clear()
+        _ = Renderer(scene, 640, 1).trajectory
+        said = [m for m in caplog.messages if "from the origin, where single precision" in m]
+        assert len(said) == told
+
+
 @pytest.mark.usefixtures("unmeasured_noise")
 def test_a_path_that_was_made_in_python_is_rendered(tmp_path):
     """Promise: it gives the frames and the ground truth of the same path from a file; another path
