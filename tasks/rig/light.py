@@ -21,6 +21,7 @@ from tasks.rig.page_view import page_views
 _STEP_PX = 0.5  # motion between two frames of the light
 _STEP_US = 100.0  # time between two positions of which the motion is known
 _MOST_STEPS = 1000
+_NEAR_M = 1e-4  # on both sides of a position of the slider, for the motion there
 
 
 def light_of_crop(folder: Path) -> Footage:
@@ -59,10 +60,11 @@ def light_of_crop(folder: Path) -> Footage:
             f"{_STEP_US:g} us"
         )
     x_m = slider.position_m(t_us)
-    middle = np.array([[0.5 * camera.width, 0.5 * camera.height]])
-    at_m = on_page(pose, camera, middle, float(x_m.mean()))
-    seen_px = pose.project(camera, at_m, x_m)[:, 0]
-    way = np.linalg.norm(np.diff(seen_px, axis=0), axis=1).cumsum() / _STEP_PX
+    # Of points in view: a lens compresses the way of one that leaves the middle of the image.
+    at_m = on_page(pose, camera, camera.grid(3), float(x_m.mean()))
+    ends_px = pose.project(camera, at_m, x_m.mean() + np.array([-_NEAR_M, _NEAR_M]))
+    px_per_m = float(np.linalg.norm(ends_px[1] - ends_px[0], axis=1).max()) / (2 * _NEAR_M)
+    way = np.abs(np.diff(x_m)).cumsum() * px_per_m / _STEP_PX
     steps = int(way[-1])
     if steps < 2:
         raise RigError(f"{folder}: found {_STEP_PX * way[-1]:.2g} px of motion, expected some")

@@ -40,7 +40,7 @@ from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
 from tasks.rig.settings import read_rig
-from tasks.rig.slider import Slider, write_slider
+from tasks.rig.slider import Slider, read_slider, write_slider
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -309,6 +309,27 @@ def test_a_wrong_crop_is_refused(field, value, said, tmp_path):
     (tmp_path / "crop.json").write_text(json.dumps(stored))
     with pytest.raises(RigError, match=rf"crop\.json: .*{said}"):
         read_crop(tmp_path)
+
+
+@pytest.mark.parametrize("lens", [(0.0,) * 5, (-0.35, 0.1, 0.0, 0.0, 0.0)])
+def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(recording, frames_solved, tmp_path, lens):
+    """Promise: from frame to frame no point that is in view moves farther, nor much less, through
+    a lens too."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    facts = json.loads((out / "crop.json").read_text())
+    (out / "crop.json").write_text(json.dumps(facts | {"lens": lens}))
+    cropped, footage = read_crop(out), light_of_crop(out)
+    camera, pose = cropped.camera(), cropped.pose.pose()
+    x_m = read_slider(out / "slider.csv").position_m(footage.t_offset_us + 1e6 * footage.t_s)
+    steps_px = []
+    for k in np.linspace(0, len(x_m) - 2, 20).astype(int).tolist():
+        at_m = on_page(pose, camera, camera.grid(5), float(x_m[k]))
+        ends_px = pose.project(camera, at_m, x_m[k : k + 2])
+        steps_px.append(np.linalg.norm(ends_px[1] - ends_px[0], axis=1).max())
+    assert max(steps_px) < 0.51
+    assert min(steps_px) > 0.45
 
 
 def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, tmp_path):
