@@ -117,7 +117,8 @@ def main() -> None:
         size = len(pickle.dumps(QueuedJob(job, job.key, True)))
         print(f"a job on its way to a worker: {size} bytes")
         for with_highlights in (False, True):
-            computed = compute_job(job, lambda *_: None, with_highlights=with_highlights)
+            queued = QueuedJob(job, job.key, with_highlights)
+            computed = compute_job(queued, lambda *_: None)
             size = len(pickle.dumps(computed))
             kind = "with the report's files" if with_highlights else "rows and timings"
             print(f"a result of {len(computed.rows)} rows, {kind}: {size / 1e3:.0f} kB")

@@ -212,6 +212,31 @@ def _files_of(own: str) -> list[Path]:
     return [path for path in paths if path.is_file()]  # modules of Python itself may have none
 
 
+def _digest_of_own(place: str) -> str:
+    return " ".join(sha256(file) for file in _files_of(place))
+
+
+def code_of_tasks(methods: Mapping[str, Iterable[str]]) -> dict[str, str]:
+    """Identify the code of a user's own tasks, to detect changes.
+
+    Parameters
+    ----------
+    methods
+        Names of the methods that each task runs, by the task.
+
+    Returns
+    -------
+    SHA-256 of the files of scorer, settings, and methods that the task lists, by place, without
+    those that are part of eres.
+    """
+    places = []
+    for task, names in methods.items():
+        spec = TASKS[task]
+        listed = [spec.methods[name] for name in names if name in spec.methods]
+        places += [spec.scorer, spec.settings, *listed]
+    return {place: _digest_of_own(place) for place in places if not place.startswith("tasks.")}
+
+
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
     """Identify the code of methods, and the weights of their networks, to detect changes.
 
@@ -233,7 +258,7 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     found = {}
     for name in names:
         if ":" in name:
-            found[name] = " ".join(sha256(file) for file in _files_of(name))
+            found[name] = _digest_of_own(name)
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
         if file := weights_of(name, weights):

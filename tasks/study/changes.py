@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,12 +40,18 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
         A trajectory is for several scenes.
     """
     chosen = tuple(scenes) or study.scenes
-    paths = {name: file for name, file in (study.trajectories or {}).items() if name in chosen}
+    given = {_place(name): file for name, file in (study.trajectories or {}).items()}
+    paths = {name: given[_place(name)] for name in chosen if _place(name) in given}
     if trajectory is not None:
         if len(chosen) > 1:
             raise StudyError(f"trajectory: found {len(chosen)} scenes, expected one")
         paths = {chosen[0]: str(trajectory)}
     return replace(study, scenes=chosen, trajectories=paths or None)
+
+
+def _place(scene: str) -> str:
+    """Return the name of a packaged scene, or the one path by which a folder or file is known."""
+    return os.path.abspath(scene) if "/" in scene or scene.endswith(".xml") else scene
 
 
 def with_resolution(study: Study, resolution: int) -> Study:

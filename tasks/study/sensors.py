@@ -162,7 +162,12 @@ _FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the stu
 
 
 def read_sensor(
-    found: Any, lights: Sequence[Light], dark_fraction: float, file: Path, place: str
+    found: Any,
+    lights: Sequence[Light],
+    dark_fraction: float,
+    file: Path,
+    place: str,
+    bus_mev_s: float | None = None,
 ) -> StudySensor:
     """Read a sensor from an entry of `simulate.sensors`.
 
@@ -178,6 +183,8 @@ def read_sensor(
         Dark level as a fraction of the white level.
     file, place
         File and field of the entry, for error messages. Paths are relative to the file.
+    bus_mev_s
+        Capacity of the study's bus, for a table with other options of a bus; None for no bus.
 
     Returns
     -------
@@ -202,6 +209,8 @@ def read_sensor(
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
+        if bus.bus is None and bus != BusOptions() and bus_mev_s is not None:
+            bus = replace(bus, bus=repr(bus_mev_s))
         readout = bus.readout()
     except (SensorError, TaskError) as error:
         raise StudyError(f"{where}: {error}") from None

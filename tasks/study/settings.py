@@ -179,8 +179,9 @@ class Simulate:
     @property
     def warmup_s(self) -> float:
         """Warm-up before each window, seconds of the path."""
+        plain = self.cutoffs_hz if self.widths else ()
         named = (model.cutoff_hz for one in self.sensors for model in one.in_light)
-        slowest_hz = min(*self.cutoffs_hz, *named, math.inf)
+        slowest_hz = min([*plain, *named], default=math.inf)
         return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * slowest_hz)
 
     @property

@@ -11,7 +11,14 @@ from docs_page import follow
 from eres_render import load_scene, open_sequence
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.methods import METHOD_VERSIONS, check_method, code_of, load_method, task_of
+from tasks.methods import (
+    METHOD_VERSIONS,
+    check_method,
+    code_of,
+    code_of_tasks,
+    load_method,
+    task_of,
+)
 from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.config import Evaluate
@@ -156,6 +163,37 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     assert code_of(["edited_package:estimate"]) != before
     monkeypatch.setitem(METHOD_VERSIONS, "event_integration", 2)
     assert code_of(["event_integration"]) == {"event_integration": "2"}
+
+
+def test_code_of_your_own_task_names_its_rows(page, tmp_path, monkeypatch):
+    """Promise: an edit of the scorer, of the settings' class or of a method that the task lists
+    gives its jobs another key; jobs of our tasks have no entry for it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("edited_scorer", "edited_settings", "edited_listed"):
+        (tmp_path / f"{name}.py").write_text("from tasks.evaluation.settings import TaskSettings\n")
+    with (tmp_path / "edited_settings.py").open("a") as file:
+        file.write("class Own(TaskSettings): ...\n")
+    rate = replace(
+        TASKS["rate"],
+        methods={"exact": "edited_listed:exact", "rounded": "operator:floordiv"},
+        scorer="edited_scorer:RateScorer",
+        settings="edited_settings:Own",
+    )
+    study = read_study(page[0] / "rates.toml")
+    monkeypatch.setitem(TASKS, "rate", rate)
+
+    def key(**tasks):
+        changed = replace(study, evaluate=Evaluate(**{**study.evaluate, **tasks}))
+        return next(job.key for job in jobs_of(changed, load_scene("carpet")))
+
+    ours = replace(study.evaluate["rate"], methods=())
+    found = [(key(), key(rate=ours))]
+    for name in ("edited_scorer", "edited_settings", "edited_listed"):
+        with (tmp_path / f"{name}.py").open("a") as file:
+            file.write("# edited\n")
+        found.append((key(), key(rate=ours)))
+    assert [len({*keys}) for keys in zip(*found, strict=True)] == [4, 1]
+    assert code_of_tasks({"flow": ["contrast_maximization"], "video": []}) == {}
 
 
 def test_several_tasks_can_take_classes(page):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from eres_render import Scene, load_scene
+from eres_render import Scene, SceneError, load_scene
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
@@ -46,6 +46,16 @@ def test_the_paper_preset_has_its_jobs() -> None:
     paper = PRESETS["paper"]
     counts = [len(jobs_of(paper, load_scene(name))) for name in paper.scenes]
     assert counts == [41, 20, 20]
+
+
+def test_a_view_that_leaves_the_plane_is_refused_before_rendering() -> None:
+    """Promise: that of the study's own camera, higher than the scene's square one."""
+    evaluate = only(reconstruction=Reconstruction())
+    tall = Study(name="tall", scenes=("carpet",), evaluate=evaluate)
+    render, simulate = Render(resolution=640, height=1920), Simulate(widths=(64,))
+    tall = replace(tall, render=render, simulate=simulate)
+    with pytest.raises(SceneError, match=r"the view reaches 4\.346 m from plane.point_m"):
+        jobs_of(tall, load_scene("carpet"))
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,12 @@ import pytest
 from eres_render import load_scene
 from finished_runs import add_previews, make_run, page_of
 from made_scaling import made
-from sensor import cutoff_in_light
+from sensor import Readout, cutoff_in_light
 from study_rows import paper_rows
 from tasks.errors import StudyError
 from tasks.evaluation.timings import read_timings
 from tasks.row import Row, read_rows
-from tasks.study.config import Render, Study
+from tasks.study.config import Render, Study, with_scenes
 from tasks.study.report.finished_run import read_run
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
@@ -140,6 +140,29 @@ def test_a_sensor_may_have_another_bus_than_the_study_or_none(tmp_path) -> None:
     assert buses == {"usual": 12e6, "fast": 20e6, "free": None}
 
 
+def test_a_sensor_may_have_another_queue_for_the_bus_of_the_study(tmp_path) -> None:
+    """Promise: `fifo` and `row_overhead` alone are those of the study's bus at this sensor."""
+    sensors = '{name = "late", width = 128, fifo = 1000}, {name = "usual", width = 64}'
+    study = read(tmp_path, f"bus_mev_s = 12.0\nsensors = [{sensors}]")
+    late, usual = study.simulate.sensors
+    assert late.readout == Readout(max_rate_hz=12e6, fifo_depth=1000)
+    assert usual.readout is None
+    with pytest.raises(
+        StudyError, match=r"simulate.sensors\[0\]: fifo, row-overhead: found no bus"
+    ):
+        read(tmp_path, f"sensors = [{sensors}]")
+
+
+def test_the_bus_carries_something_at_the_fast_speed_too(tmp_path) -> None:
+    """Physics: windows of flow at 10 times the base speed last 5 ms."""
+    fast = "[evaluate.flow]\nfast_methods = ['initial_flow']\nfast_speed = 10.0"
+    with pytest.raises(
+        StudyError, match=r"no event in a window of 5 ms, expected at least 0\.0002"
+    ):
+        jobs_of(read(tmp_path, "bus_mev_s = 1e-4\nspeeds = [1]", fast), load_scene("carpet"))
+    assert jobs_of(read(tmp_path, "bus_mev_s = 1e-4\nspeeds = [1]"), load_scene("carpet"))
+
+
 def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path) -> None:
     """Physics: windows are 50 ms of base time, so at 9 m/s, ten times the carpet's speed, 5 ms."""
     fast, slow = (read(tmp_path, f"bus_mev_s = 1e-4\nspeeds_m_s = [{v}]", QUIET) for v in (9, 0.45))
@@ -214,6 +237,23 @@ def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
     assert jobs_of(
         read(tmp_path, f"{sensors}\nilluminance_lux = [3.82]", QUIET), load_scene("carpet")
     )
+
+
+def test_the_warmup_is_that_of_the_sensors(tmp_path) -> None:
+    """Promise: the light of plain sensors does not count where there are none: at 1 lux they have
+    3 Hz, but a camera of 1 kHz at 100 lux has 10 Hz."""
+    (tmp_path / "fast.toml").write_text(
+        'title = "mine"\n[cutoff]\nvalue = 1\nunit = "kHz"\nsource = "measured"\n'
+        '[illuminance]\nvalue = 100\nunit = "lux"\nsource = "measured"'
+    )
+    alone = 'sensors = [{name = "fast", width = 64, profile = "fast.toml"}]\nilluminance_lux = [1]'
+    study = read(tmp_path, f"{alone}\nspeeds = [1]", QUIET)
+    assert study.simulate.warmup_s == pytest.approx(6 / (2 * math.pi * 10))
+    assert jobs_of(study, load_scene("carpet"))
+    with pytest.raises(StudyError, match="6 time constants of 3 Hz at speed 1"):
+        jobs_of(
+            read(tmp_path, f"{alone}\nspeeds = [1]\nwidths = [32]", QUIET), load_scene("carpet")
+        )
 
 
 def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
@@ -479,6 +519,27 @@ def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> 
     code, _, err = eres("study", "--preset", "paper", *options, "--out", tmp_path / "run")
     assert (code, len(asked)) == (1, 1)
     assert "trajectory: found 3 scenes, expected one" in err
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ("my/street", True),
+        ("my/street/", True),
+        ("./my/street", True),
+        ("carpet", True),
+        ("./carpet", False),
+        ("carpet/", False),
+    ],
+)
+def test_a_path_of_the_study_is_found_by_any_name_of_its_scene(said, kept) -> None:
+    """Promise: the command line may write a folder in another way, as shells complete it; a folder
+    is not the packaged scene of its name."""
+    paths = {"my/street": "poses.txt", "carpet": "own.txt"}
+    study = replace(Study(name="own", scenes=("my/street", "carpet")), trajectories=paths)
+    found = with_scenes(study, [said])
+    file = "poses.txt" if "street" in said else "own.txt"
+    assert found.trajectories == ({said: file} if kept else None)
 
 
 def test_sensors_of_two_shapes_are_one_job(run):

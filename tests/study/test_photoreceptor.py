@@ -162,6 +162,18 @@ def test_sensors_have_their_names_in_the_section(tmp_path) -> None:
     assert not re.search(r"\d px", section)
 
 
+def test_speeds_that_print_alike_have_a_row_each(tmp_path) -> None:
+    """Promise: no lead is lost where two digits do not tell speeds apart."""
+    rows = [row for row in both_rows() if row.speed == 1.0]
+    near = [replace(row, speed=1.001) for row in rows]
+    page = page_of(make_run(tmp_path, rows + near))
+    (section,) = re.findall(r'<section id="photoreceptor".*?</section>', page, re.DOTALL)
+    heads = re.findall(r'<th scope="row">(\w+), 0\.9 m/s\s*(<small>1\.001 times)?', section)
+    assert heads == [
+        (light, words) for words in ("", "<small>1.001 times") for light in ("day", "night")
+    ]
+
+
 def test_a_width_that_is_no_better_than_nothing_is_not_enough(tmp_path) -> None:
     """Promise: the section says of a condition what the matrix above says."""
     rows = paper_rows(EI, samples=7, scenes=["carpet"])

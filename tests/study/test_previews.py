@@ -18,6 +18,7 @@ from tasks.errors import ResultError
 from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights
+from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.pictures import (
     BRIGHTER,
     DARKER,
@@ -115,10 +116,9 @@ def test_films_are_over_whole_frames(monkeypatch) -> None:
     job = SimpleNamespace(
         simulate=SimpleNamespace(speeds=(1.0,)),
         render=SimpleNamespace(resolution=64, height_at=lambda width: 64),
-        key="k",
     )
     reference = SimpleNamespace(sequence=strip, log_white=0.0, dark_level=1e-3)
-    highlights.Highlights(job, []).result(reference, whole)
+    highlights.Highlights(QueuedJob(job, "k", True), []).result(reference, whole)
     assert set(shapes) == {(64, 64)}
     assert measured == [strip]
 

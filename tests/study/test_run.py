@@ -196,9 +196,9 @@ def test_highlights_of_another_study_are_made_again(finished, scene_folder, tmp_
     asked = []
     compute = local.compute_job
 
-    def counted(job, *rest, **options):
-        asked.append(job.key)
-        return compute(job, *rest, **options)
+    def counted(queued, on_progress):
+        asked.append(queued.key)
+        return compute(queued, on_progress)
 
     monkeypatch.setattr(local, "compute_job", counted)
     study = tiny_study(scene_folder)
@@ -218,6 +218,38 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
     with pytest.raises(StudyError, match="found no scene 'carpett'; did you mean 'carpet'"):
         run_study(mistyped, tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_a_scene_may_not_have_the_name_of_the_list_of_pictures(scene_folder, tmp_path):
+    shutil.copytree(scene_folder, tmp_path / "index")
+    study = replace(tiny_study(scene_folder), scenes=(str(tmp_path / "index"),))
+    with pytest.raises(StudyError, match=r"scenes: found .*/index, expected another name"):
+        run_study(study, tmp_path / "run")
+
+
+def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeypatch):
+    """Promise: an own method that is edited while a study runs does not part the rows from their
+    costs and statistics."""
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "edited_meanwhile.py"
+    file.write_text(
+        "from tasks.reconstruction import ReconstructionSample\n\n"
+        "def estimate(sample: ReconstructionSample):\n"
+        f"    with open({str(file)!r}, 'a') as file:\n"
+        "        file.write('# edited')\n"
+        "    return sample.log_keyframe\n"
+    )
+    methods = ("edited_meanwhile:estimate",)
+    study = replace(
+        tiny_study(scene_folder),
+        render=Render(resolution=96, spp=1, max_displacement_px=0.5, samples=1),
+        evaluate=only(reconstruction=Reconstruction(methods=methods)),
+    )
+    run = tmp_path / "run"
+    run_study(study, run)
+    (key,) = json.loads((run / "study.json").read_text())["jobs"]
+    assert [one.stem for one in (run / "costs").iterdir()] == [key]
+    assert json.loads((run / "scaling" / "carpet.json").read_text())["job"] == key
 
 
 def test_two_names_of_one_scene(scene_folder, tmp_path):
@@ -246,10 +278,10 @@ def test_a_stopped_study_does_not_describe_the_rows_of_another(
     begun = json.loads((run / "environment.json").read_text())
     computed = []
 
-    def stop_after_one(job, *rest, **options):
+    def stop_after_one(queued, on_progress):
         if computed:
             raise KeyboardInterrupt
-        computed.append(job)
+        computed.append(queued)
         return ComputedJob(finished[1][:1], {}, {"code": "git 0123"})
 
     study = tiny_study(scene_folder)
@@ -258,11 +290,14 @@ def test_a_stopped_study_does_not_describe_the_rows_of_another(
         patch.setattr("sys.argv", ["eres", "study", "other"])
         with pytest.raises(KeyboardInterrupt):
             run_study(with_threshold(study, 0.4), run)
+        page_of(run)
     assert (run / "study.json").read_bytes() == before
     assert read_rows(run / "rows.parquet") == finished[1]
+    assert not (run / "previews" / "index.json").exists()  # which lists pictures of both by now
     both = {**begun, "code": f"{begun['code']}; git 0123"}
     assert json.loads((run / "environment.json").read_text()) == both
     assert run_study(study, run) == finished[1]
+    assert (run / "previews" / "index.json").exists()
 
 
 def with_threshold(study, contrast_threshold):

@@ -242,7 +242,7 @@ def test_progress_never_goes_back(stages_s) -> None:
     assert seen == sorted(seen)
 
 
-def nothing_computed(job, on_progress, *, with_highlights):
+def nothing_computed(queued, on_progress):
     on_progress("simulating", 1, 2)
     return ComputedJob([], {}, {})
 
@@ -280,7 +280,7 @@ def test_weights_that_change_meanwhile_end_the_study(
     video = Video(methods=(name, "blank"), weights={name: str(file)}, duration_s=0.1, run_in_s=0.05)
     study = replace(tiny_study(scene_folder, samples=1), evaluate=only(video=video))
 
-    def computed(job, on_progress, *, with_highlights):
+    def computed(queued, on_progress):
         file.write_bytes(b"of another training")
         return ComputedJob([], {}, {})
 
@@ -301,8 +301,8 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
     job; so does the error of a file that cannot be written."""
     tries = []
 
-    def failing(job, on_progress, *, with_highlights):
-        tries.append(job)
+    def failing(queued, on_progress):
+        tries.append(queued)
         full = OSError(28, "No space left on device", "/cache/frames")
         if wrapped:
             raise RenderError("/cache/frames: cannot be written: No space left on device") from full
@@ -326,9 +326,9 @@ def test_a_mistake_in_your_own_method_ends_the_run_at_once(
     monkeypatch.syspath_prepend(tmp_path)
     computed = []
 
-    def compute(job, on_progress, *, with_highlights):
-        computed.append(job)
-        return real(job, on_progress, with_highlights=with_highlights)
+    def compute(queued, on_progress):
+        computed.append(queued.job)
+        return real(queued, on_progress)
 
     real = cluster_module.compute_job
     monkeypatch.setattr(cluster_module, "compute_job", compute)

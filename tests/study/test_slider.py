@@ -1,5 +1,6 @@
 """The virtual slider: the preset, its distances, claim 22 and the report's section."""
 
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -29,7 +30,7 @@ from tasks.row import Row
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
-from tasks.study.config import Render, Simulate, Study, Tracking, preset
+from tasks.study.config import Render, Simulate, Study, Tracking, preset, to_json
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
     PAPER_SIGMA_MM,
@@ -264,10 +265,37 @@ def test_the_papers_numbers_of_claim_22():
     assert "6 of its 9 position errors at 0.6 m/s are larger than the 54.7 mm" in paper
 
 
+def made_on_slider(folder, rows, **changed):
+    """Return the folder of a run of the preset, with some fields of study.json changed."""
+    make_run(folder, rows)
+    config = to_json(preset("slider"))
+    config["simulate"] |= changed.pop("simulate", {})
+    (folder / "study.json").write_text(json.dumps({**config, **changed}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"simulate": {"same_lens": None}},
+        {"simulate": {"bus_mev_s": 12.0}},
+        {"render": {"resolution": 1280, "height": 720}},
+    ],
+    ids=["cameras at one distance", "a bus", "other distances"],
+)
+def test_another_study_of_the_prints_is_not_on_the_slider(tmp_path, eres, changed):
+    """Promise: claim 22 is about distances of one lens without a bus, named for the size of the
+    preset's frames; a study of other cameras has neither its verdict nor its section."""
+    run = made_on_slider(tmp_path, slider_rows(samples=1), **changed)
+    assert "\n22 " not in eres("claims", run)[1]
+    assert 'id="slider"' not in page_of(run)
+
+
 def test_the_report_has_the_162_numbers_beside_ours(tmp_path):
     """Promise: a run on the slider shows all of the paper's numbers, and claim 22 alone; another
     run has no such section."""
-    page = without_space(page_of(make_run(tmp_path / "slider", slider_rows(samples=1))))
+    run = made_on_slider(tmp_path / "slider", slider_rows(samples=1))
+    page = without_space(page_of(run))
     section = page.split('<section id="slider"')[1].split("</section>")[0]
     rows = re.findall(r'<th scope="row">paper</th>((?:<td[^>]*>.*?</td>)+)', section)
     cells = [cell for row in rows for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)]
@@ -292,7 +320,7 @@ def test_a_coarser_render_keeps_its_shape():
 def test_both_readings_of_prints_are_judged_on_claim_22_alone(tmp_path, eres):
     """Promise: a slider study with two photoreceptors has a report and verdicts of both."""
     rows = slider_rows(samples=1)
-    run = make_run(tmp_path, rows + [replace(row, photoreceptor="v2e") for row in rows])
+    run = made_on_slider(tmp_path, rows + [replace(row, photoreceptor="v2e") for row in rows])
     assert 'id="photoreceptor"' in page_of(run)
     code, out, _ = eres("claims", run)
     assert (code, out.count("With v2e's single pole: ")) == (0, 1)

@@ -161,9 +161,9 @@ def test_a_wrong_method_ends_the_study_on_its_first_sample(
     study = with_method(tiny_study(scene_folder), f"{HERE}:method")
     computed = []
 
-    def compute(job, on_progress, *, with_highlights):
-        computed.append(job)
-        return real(job, on_progress, with_highlights=with_highlights)
+    def compute(queued, on_progress):
+        computed.append(queued.job)
+        return real(queued, on_progress)
 
     real = local.compute_job
     monkeypatch.setattr(local, "compute_job", compute)

@@ -22,7 +22,7 @@ from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, by_photoreceptor
-from tasks.study.results.slider import PRINTS
+from tasks.study.results.slider import PRINTS, is_of_slider
 
 CLAIMS: tuple[Claim, ...] = (
     *SCALING_CLAIMS,
@@ -56,7 +56,7 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
         return (ON_RECORDINGS,)
     every = scores.series()
     scenes = {scene for one in every for scene in scores.scenes(one)}
-    if scenes and scenes <= set(PRINTS):
+    if scenes and scenes <= set(PRINTS) and is_of_slider(config):
         return (ON_THE_SLIDER,)
     return CLAIMS if scores.asks_as_paper else TRAINING_CLAIMS
 

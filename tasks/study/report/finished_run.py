@@ -20,7 +20,7 @@ from tasks.study.results.asked import InLight, light_of
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
-from tasks.study.results.previews import Preview
+from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.run_files import read_config, scores_of_run
 from tasks.study.results.scaling import Scaling, read_scaling
 from tasks.study.results.scores import Scores
@@ -75,7 +75,12 @@ class FinishedRun:
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:
-        """Return the base speed of the camera by scene, m/s; by default of packaged scenes only."""
+        """Return the base speed of the camera by scene, m/s; by default of packaged scenes only.
+
+        Speeds of recordings are in m/s.
+        """
+        if "recorded" in self.config:
+            return dict.fromkeys(self.scenes, 1.0)
         return {**PACKAGED, **self.config.get("base_m_per_s", {})}
 
     @property
@@ -132,7 +137,7 @@ class FinishedRun:
     @cached_property
     def previews(self) -> dict[str, list[Preview]]:
         """Return the pictures of each scene, by falling cutoff, then rising speed and width."""
-        index = self.folder / "previews" / "index.json"
+        index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
         lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]

@@ -7,6 +7,9 @@ from typing import Literal
 
 from eres_render.storage.settings_reader import FloatOrInf
 
+INDEX_NAME = "index.json"
+"""Name of the list of all pictures; those of one scene have its name."""
+
 FILM_PICTURES = 8
 FILM_S = 0.04
 """Pictures of a film, and the time that it shows at the end of the window, s."""

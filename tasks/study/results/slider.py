@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from sensor import cutoff_in_light
 from tasks.study.results.paper_slider import SIZES_PX
@@ -18,6 +20,20 @@ NEAREST_M = 0.236
 
 BASE_SPEED_M_PER_S = 0.2
 """Speed of the slider at factor 1."""
+
+
+def is_of_slider(config: Mapping[str, Any]) -> bool:
+    """Return whether a study, the content of study.json, is on the virtual slider.
+
+    The distances, and what the paper measured, are those of cameras of one lens, whose full size is
+    the slider's, and which lose no events.
+    """
+    render, simulate = config.get("render", {}), config.get("simulate", {})
+    return (
+        bool(simulate.get("same_lens"))
+        and simulate.get("bus_mev_s") is None
+        and render.get("resolution") == FIELD_PX[-1][0]
+    )
 
 
 def distance_label(width: int) -> str:

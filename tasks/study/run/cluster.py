@@ -131,7 +131,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
         weights = weight_digests(job.evaluate)
-        computed = compute_job(job, silent, with_highlights=queued.with_highlights)
+        computed = compute_job(replace(queued, job=job), silent)
         check_weights(job.evaluate, weights)
         return computed
     except (RenderError, SensorError, EventError, TaskError) as error:

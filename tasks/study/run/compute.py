@@ -22,7 +22,7 @@ from tasks.study.config import Render, digest
 from tasks.study.run.estimate import estimate_job
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
-from tasks.study.run.jobs import Job
+from tasks.study.run.jobs import Job, QueuedJob
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,24 +44,23 @@ class ComputedJob:
     environment: dict[str, str]
 
 
-def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> ComputedJob:
+def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
     """Render, simulate and score a job; the frames stay in this machine's cache.
 
     The sensors see each frame as soon as it is rendered.
 
     Parameters
     ----------
-    job
+    queued
         The job.
     on_progress
         Called after each frame, then after each sensor.
-    with_highlights
-        Whether to make the highlights of the scene for the report.
 
     Returns
     -------
     Scores, files for the run's folder, and the environment.
     """
+    job = queued.job
     light = _light_of(job, on_progress)
     with (
         frames_folder(light.key(job), round(estimate_job(job).frame_bytes)) as folder,
@@ -70,7 +69,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
         ) as sequence,
     ):
         settings = job.settings(sequence.white_level)
-        highlights = Highlights(job, settings) if with_highlights else None
+        highlights = Highlights(queued, settings) if queued.with_highlights else None
         rows: list[Row] = []
         files: dict[str, bytes] = {}
         timings: list[JobTimings] = []
@@ -90,7 +89,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
         whole = replace(
             of_one_job(timings, before), resolution=sequence.width, height=sequence.height
         )
-        files[f"costs/{job.key}.json"] = timings_file(whole)
+        files[f"costs/{queued.key}.json"] = timings_file(whole)
         if highlights and reference:
             files |= highlights.result(reference, sequence)
     return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))

@@ -12,7 +12,7 @@ from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
 from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
-from tasks.study.run.jobs import Job
+from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.previews import Film, preview_files
 from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
@@ -25,15 +25,16 @@ class Highlights:
 
     Parameters
     ----------
-    job
+    queued
         The job.
     settings
         All its sensors.
     """
 
-    def __init__(self, job: Job, settings: list[Setting]) -> None:
+    def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
+        job = queued.job
         speeds = job.simulate.speeds
-        self._job = job
+        self._job, self._key = job, queued.key
         firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
         self._used = set(firsts.values())
         height, width = job.render.height_at(job.render.resolution), job.render.resolution
@@ -83,7 +84,7 @@ class Highlights:
         frames = [sequence.frame(int(i)) / white for i in shown]
         previews = preview_files(self._job, frames, self._films)
         scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
-        scaling = replace(scaling, job=self._job.key)
+        scaling = replace(scaling, job=self._key)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},
             **{f"scaling/{name}": data for name, data in scaling_files(scaling, slope).items()},

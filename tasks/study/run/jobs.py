@@ -15,7 +15,7 @@ from sensor.model import SensorModel, cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
-from tasks.methods import code_of
+from tasks.methods import code_of, code_of_tasks
 from tasks.methods.networks import digests
 from tasks.registry import TASKS
 from tasks.row import Row
@@ -54,15 +54,16 @@ class Job:
             name: replace(task, weights=None) if isinstance(task, NetworkSettings) else task
             for name, task in self.evaluate.items()
         }
-        return digest(
-            {
-                **self._stretch,
-                "simulate": self.simulate.decides,
-                "evaluate": evaluate,
-                "methods": code_of(methods, weights),
-                "versions": STAGE_VERSIONS,
-            }
-        )
+        decided_by = {
+            **self._stretch,
+            "simulate": self.simulate.decides,
+            "evaluate": evaluate,
+            "methods": code_of(methods, weights),
+            "versions": STAGE_VERSIONS,
+        }
+        if own := code_of_tasks({name: task.methods for name, task in self.evaluate.items()}):
+            decided_by["own tasks"] = own
+        return digest(decided_by)
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
@@ -183,10 +184,12 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         warm-up is longer than the time between samples, a bus carries no event in a window, the
         first sensor sees too few pixels, no method suits the scene, or cameras of one lens do not
         face its plane.
+    SceneError
+        The view of the study's camera leaves the scene's plane.
     """
     study = replace(study, simulate=_at_factors(study.simulate, scene))
-    check_buses(study.simulate, study.render)  # speeds in m/s are factors only now
     _check_first_sensor(study)
+    scene.trajectory(scene.camera(study.render.resolution, study.render.height))  # checks the view
     if study.simulate.same_lens:
         _check_facing(scene)
     planned = _planned(study, scene)
@@ -195,6 +198,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     for stretches in planned:
         render, simulate, _ = _on(stretches, study)
         check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
+        check_buses(simulate, render)  # speeds in m/s are factors only now
     _check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
@@ -348,7 +352,11 @@ def _slowest(simulate: Simulate) -> tuple[float, float, str]:
     """Return the lowest cutoff in Hz, its light in lux or 0, and the named sensor that has it."""
     return min(
         [
-            *((light.cutoff_hz, light.illuminance_lux, "") for light in simulate.lights),
+            *(
+                (one.cutoff_hz, one.illuminance_lux, "")
+                for one in simulate.lights
+                if simulate.widths
+            ),
             *(
                 (model.cutoff_hz, light.illuminance_lux, f" of {sensor.name!r}")
                 for sensor in simulate.sensors

@@ -38,7 +38,7 @@ class ThisProcess:
             for queued, estimate in zip(jobs, estimates, strict=True):
                 on_progress(f"loading {queued.job.scene.name}", before_s, total_s)
                 on_job = _within(on_progress, estimate, before_s, total_s)
-                computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
+                computed = compute_job(queued, on_job)
                 before_s += estimate.core_s
                 yield queued, computed
         on_progress("done", total_s, total_s)

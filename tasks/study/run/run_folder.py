@@ -14,6 +14,7 @@ from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.provenance import check_renderer, command, together
 from tasks.row import Row, read_rows, write_rows
+from tasks.study.results.previews import INDEX_NAME
 from tasks.study.results.scaling import Scaling
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import Job, QueuedJob
@@ -107,6 +108,8 @@ class RunFolder:
             It was computed with another Mitsuba or device than the jobs before it.
         """
         self.check(computed.environment)  # workers of a cluster differ
+        if queued.with_highlights:  # the list may be of another study's pictures, by these names
+            self._index.unlink(missing_ok=True)
         for name, data in computed.files.items():
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
@@ -130,9 +133,9 @@ class RunFolder:
         files = [self._previews_of(name) for name in self._first]
         if there := [file for file in files if file.exists()]:
             found = (read_json(tuple[Any, ...], file, ResultError) for file in there)
-            self._write("previews/index.json", list(chain.from_iterable(found)))
+            self._write(f"previews/{INDEX_NAME}", list(chain.from_iterable(found)))
         else:  # they may be deleted
-            (self._folder / "previews" / "index.json").unlink(missing_ok=True)
+            self._index.unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
         if self._has_other_rows or not self._describes(study):
@@ -158,6 +161,10 @@ class RunFolder:
             return read_json(Scaling, scaling, ResultError).job == job.key
         except ResultError:
             return False
+
+    @property
+    def _index(self) -> Path:
+        return self._folder / "previews" / INDEX_NAME
 
     def _previews_of(self, scene_name: str) -> Path:
         return self._folder / "previews" / f"{scene_name}.json"

@@ -15,6 +15,7 @@ from tasks.evaluation.settings import check_methods
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import Study, to_json
+from tasks.study.results.previews import INDEX_NAME
 from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import (
     Job,
@@ -151,6 +152,11 @@ def _scenes(study: Study) -> list[Scene]:
             raise StudyError(
                 f"scenes: found several named {scene.name!r}, such as {source}, expected different "
                 "names of folders or files"
+            )
+        if scene.name == Path(INDEX_NAME).stem:
+            raise StudyError(
+                f"scenes: found {source}, expected another name of the folder or file: "
+                f"previews/{INDEX_NAME} lists the pictures of all scenes"
             )
     by_content: dict[str, str] = {}
     for scene in scenes:

@@ -13,6 +13,7 @@ from tasks.row import Row, write_rows
 from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
 from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
+from tasks.study.config import preset, to_json
 from tasks.study.results.scores import Scores
 from tasks.study.run.recorded import write_recorded
 
@@ -111,8 +112,9 @@ def test_claim_22_on_recordings():
     virtual slider, one of other scenes on all claims."""
     carpet = paper_rows(scenes=["carpet"])
     forest = [replace(row, scene="forest") for row in carpet]
-    assert claims_of({}, Scores(carpet + forest)) is CLAIMS
-    assert claims_of({}, Scores(forest)) == (ON_THE_SLIDER,)
+    config = to_json(preset("slider"))
+    assert claims_of(config, Scores(carpet + forest)) is CLAIMS
+    assert claims_of(config, Scores(forest)) == (ON_THE_SLIDER,)
     found = verdict(recorded(0.3))
     assert (found.number, found.status) == (22, Status.HOLDS)
     assert "mine, 650 px or 1200 px at 0.6 m/s" in found.ours
@@ -141,4 +143,5 @@ def test_the_folder_is_that_of_a_run(tmp_path, eres):
     assert "holds: 1, does not hold: 0, undecided: 0, not measured: 0" in out
     page = page_of(tmp_path)
     assert "650 px or 1200 px at 0.6 m/s" in page
+    assert "speed 0.6" not in page  # a recording's speed is in m/s
     assert 'id="slider"' not in page  # the paper's table is of other prints and distances

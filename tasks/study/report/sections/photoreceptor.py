@@ -83,7 +83,10 @@ def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRu
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
         speed = speed_label(lead.scene, lead.speed, run.base_speeds)
         head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
-        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
+        rows = blocks.setdefault(Text(lead.scene), {})
+        if head in rows:  # speeds that differ by less than their digits
+            head = head._replace(small=f"{lead.speed:g} times the base speed")
+        rows[head] = [*cells, *[Text(paper)] * with_paper]
     fine, coarse = map(run.scores.sensor_label, found[0].widths)
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse}, {metric.unit}"
     last = [Text("paper")] * with_paper

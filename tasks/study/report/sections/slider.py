@@ -23,6 +23,7 @@ from tasks.study.results.slider import (
     FIELD_PX,
     PRINTS,
     distance_label,
+    is_of_slider,
     light_label,
 )
 from tasks.study.results.words import MISSING
@@ -61,7 +62,7 @@ def slider_section(run: FinishedRun) -> SliderSection | None:
         for task_method, paper in _paper().items()
         for series in _series(scores, *task_method)
     ]
-    if not any(_measured(scores, series) for series, _ in pairs):
+    if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
         return None
     return SliderSection(
         _wins(scores, pairs),
