@@ -32,7 +32,7 @@ def simulate(
         (T, H, W) linear radiance, float32 or float64, at least as large as the sensor, with its
         aspect ratio; or an iterable of (H, W) frames, which is read once, a few frames at a time.
         Convert images encoded for a screen with `to_linear`; a warning is logged if all values of
-        the first frame are whole numbers from 0 to 255.
+        the first frame are whole numbers from 0 to 255, and at least 16 of these.
 
         Pixels are square: the aspect ratio must be that of the sensor to less than one of its
         pixels. So 346x259 and 346x260 both fit 1280x960, and 1280x720 does not.

@@ -3,6 +3,7 @@
 `evt2` and `evt3` encode and decode the words. The header:
 
     % event_count 1234                 ours: number of events, to detect truncated files
+    % trigger_count 56                 ours: number of triggers, if there are any
     % evt 3.0
     % format EVT3;height=720;width=1280
     % geometry 1280x720
@@ -72,7 +73,7 @@ _MAX_HEADER_BYTES = 1 << 20
 
 _FIELDS = {
     *("evt", "format", "geometry", "endianness", "end"),
-    *("event_count", "sensor_model", "origin", "t0"),
+    *("event_count", "trigger_count", "sensor_model", "origin", "t0"),
 }
 
 
@@ -149,8 +150,10 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     start_us = _start_us(header, first)
     if start_us:
         lines.append(f"t0 {start_us}")
-    lines.append("end")
     triggers = header.triggers.later(-start_us)
+    if len(triggers):
+        lines.append(f"trigger_count {len(triggers)}")
+    lines.append("end")
     _check_triggers(triggers, codec)
     written = 0
     count = 0
@@ -253,6 +256,7 @@ class _Raw:
     version: str | None  # of the words, "evt2" or "evt3"
     header: Header
     count: int | None
+    trigger_count: int | None
     length: int  # bytes before the first word
 
 
@@ -343,7 +347,7 @@ def _read_raw(file: BinaryIO) -> _Raw:
         _number(fields, "t0") or 0,
         tuple(name for name in fields if name and name not in _FIELDS),
     )
-    return _Raw(_version(fields), header, count, length)
+    return _Raw(_version(fields), header, count, _number(fields, "trigger_count"), length)
 
 
 def _number(fields: dict[str, str], name: str) -> int | None:
@@ -418,13 +422,14 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     ------
     EventFormatError
         A word is unknown, an event is outside the sensor or earlier than the one before it, the
-        last word is truncated, or the number of events differs from that in the header.
+        last word is truncated, or the number of events or of triggers differs from that in the
+        header.
     """
     width, height = header.size
     size = np.dtype(codec.word).itemsize
     none = no_events(width, height, header.model)
     state = _new_state()
-    count = 0
+    count = triggers = 0
     with path.open("rb") as file:
         raw = _of_version(_read_raw(file), codec)
         file.seek(raw.length)
@@ -433,6 +438,8 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         while data := file.read(size * _READ_WORDS):
             words = np.frombuffer(data, f"<u{size}", len(data) // size)
             words = words.astype(codec.word, copy=False)  # on a big-endian machine
+            if raw.trigger_count is not None:
+                triggers += _triggers_in(words, codec)
             while len(words):
                 room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
                 columns = Columns.room(room)
@@ -450,6 +457,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                 raise EventFormatError(
                     f"byte {offset}: the file ends within a word of {size} bytes"
                 )
+    _check_count(raw.trigger_count, triggers, "triggers", offset)
     held = int(state[HELD])
     if held:
         _log.warning(
@@ -458,14 +466,23 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
             *(path, state[STEP_BACK_US], held),
         )
     skipped = int(state[SKIPPED])
-    if raw.count is not None and raw.count != count:
-        raise EventFormatError(
-            f"byte {offset}: the file ends after {count} events, expected {raw.count} as its "
-            "header says; the file is truncated or damaged"
-        )
+    _check_count(raw.count, count, "events", offset)
     if skipped:
         _log.warning(
             "%s: skipped %d events before the first time and row of the stream", path, skipped
+        )
+
+
+def _triggers_in(words: np.ndarray, codec: Codec) -> int:
+    return int(np.count_nonzero(words >> codec.layout.kind_shift == TRIGGER))
+
+
+def _check_count(expected: int | None, found: int, what: str, offset: int) -> None:
+    """Refuse a file whose header has another number of events or triggers."""
+    if expected is not None and expected != found:
+        raise EventFormatError(
+            f"byte {offset}: the file ends after {found} {what}, expected {expected} as its "
+            "header says; the file is truncated or damaged"
         )
 
 
@@ -486,21 +503,31 @@ def read_triggers(path: Path, codec: Codec) -> Triggers:
     Raises
     ------
     EventFormatError
-        The header is damaged, or times run backwards.
+        The header is damaged, times run backwards, the last word is truncated, or the number of
+        triggers differs from that in the header.
     """
     size = np.dtype(codec.word).itemsize
     state = _new_state()
     found = []
+    count = 0
     with path.open("rb") as file:
         raw = _of_version(_read_raw(file), codec)
         file.seek(raw.length)
+        offset = raw.length
         while data := file.read(size * _READ_WORDS):
             words = np.frombuffer(data, f"<u{size}", len(data) // size)
             words = words.astype(codec.word, copy=False)
-            room = np.count_nonzero(words >> codec.layout.kind_shift == TRIGGER)
+            room = _triggers_in(words, codec)
             columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int8)
             made = decode_triggers(words, codec.layout, state, *columns)
             found.append([column[:made] for column in columns])
+            count += room
+            offset += size * len(words)
+            if len(data) % size:
+                raise EventFormatError(
+                    f"byte {offset}: the file ends within a word of {size} bytes"
+                )
+    _check_count(raw.trigger_count, count, "triggers", offset)
     if not found:
         return NO_TRIGGERS
     t_us, channel, p = (np.concatenate(column) for column in zip(*found, strict=True))

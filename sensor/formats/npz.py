@@ -2,7 +2,7 @@
 
 `t_us` int64, `x` and `y` uint16, `p` int8 (+1, -1), `width`, `height`, as JSON text `origin` and,
 if the events have a model, `sensor_model`; if there are triggers, `trigger_t_us`,
-`trigger_channel` (uint8) and `trigger_p`.
+`trigger_channel` (uint8) and `trigger_p`; if the clock does not start at 0, `t_offset_us`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _COLUMNS: dict[str, np.dtype[Any]] = {
     "p": np.dtype("i1"),
 }
 _TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_p")
-_ENTRIES = {*_COLUMNS, *_TRIGGERS, "width", "height", "sensor_model", "origin"}
+_ENTRIES = {*_COLUMNS, *_TRIGGERS, "width", "height", "sensor_model", "origin", "t_offset_us"}
 _MAX_TEXT_BYTES = 1 << 20
 _COPY_BYTES = 1 << 20
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest in zip: the file must depend on its events only
@@ -56,7 +56,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     path
         The new file.
     header
-        Size, model and origin.
+        Size, model, origin and start of the clock.
     parts
         Consecutive parts of one stream.
 
@@ -81,6 +81,8 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         if header.model is not None:
             texts["sensor_model"] = model_to_json(header.model)
         scalars = {"width": header.width, "height": header.height, **texts}
+        if header.t_offset_us:
+            scalars["t_offset_us"] = header.t_offset_us
         triggers = {
             name: getattr(header.triggers, name.removeprefix("trigger_")) for name in _TRIGGERS
         }
@@ -174,7 +176,7 @@ def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
 
 
 def read_header(path: Path) -> Header:
-    """Read the size, model and origin of an npz file.
+    """Read the size, model, origin and start of the clock of an npz file.
 
     Raises
     ------
@@ -184,12 +186,14 @@ def read_header(path: Path) -> Header:
     with _opened(path) as archive:
         width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
         model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
+        t_offset_us = _read_scalar(archive, "t_offset_us", "iu")
         names = [name.removesuffix(".npy") for name in archive.namelist()]
     return Header(
         width if isinstance(width, int) else None,
         height if isinstance(height, int) else None,
         model_from_json(model) if isinstance(model, str) else None,
         origin_from_json(origin) if isinstance(origin, str) else {},
+        t_offset_us if isinstance(t_offset_us, int) else 0,
         others=tuple(name for name in names if name not in _ENTRIES),
     )
 

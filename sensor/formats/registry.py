@@ -41,7 +41,8 @@ class Format:
     read
         `read(path, header, **options)` yields the events, at least one part; the header has a size.
     keeps_origin
-        Whether the format stores the sensor model and the origin.
+        Whether the format stores the sensor model, the origin and, where times need it, the start
+        of the clock.
     read_triggers
         `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
     options
@@ -72,6 +73,7 @@ class Format:
             "sensor model": header.model is not None and not self.keeps_origin,
             "origin": bool(header.origin) and not self.keeps_origin,
             "triggers": len(header.triggers) > 0 and self.read_triggers is None,
+            "start of the clock": bool(header.t_offset_us) and not self.keeps_origin,
         }
         return [name for name, lost in parts.items() if lost]
 

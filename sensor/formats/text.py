@@ -11,6 +11,7 @@ gives the order of the columns and perhaps the unit of time.
 from __future__ import annotations
 
 import codecs
+import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from sensor.formats import batching
 from sensor.formats.compiling import jit
 from sensor.formats.header import Header
 from sensor.time_units import TIME_UNITS
+
+_log = logging.getLogger(__name__)
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
@@ -441,7 +444,8 @@ def read(
 ) -> Iterator[Events]:
     """Read the events of a text file.
 
-    A file that is truncated between two lines looks complete.
+    A file that is truncated between two lines looks complete. If the last line does not end, and
+    its last number may lack digits, the log has a warning.
 
     Parameters
     ----------
@@ -487,6 +491,12 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
             data = rest + data
             if ended and data and not data.endswith(b"\n"):
                 data += b"\n"  # the last line may lack it
+                if start.order[-1] != _COLUMNS.index("p"):  # p has one digit
+                    _log.warning(
+                        "%s: the last line does not end; if the file is truncated, the last event "
+                        "has a wrong %s",
+                        *(path, {"t": "time"}.get(_COLUMNS[start.order[-1]], "pixel")),
+                    )
             whole = data.rfind(b"\n") + 1
             rest = data[whole:]
             if len(rest) > _MAX_LINE_BYTES:

@@ -67,7 +67,12 @@ class Profile:
         found = self.known.get(name)
         return None if found is None or isinstance(found.value, str) else found.value
 
-    def applied_to(self, model: SensorModel, illuminance_lux: float | None = None) -> SensorModel:
+    def applied_to(
+        self,
+        model: SensorModel,
+        illuminance_lux: float | None = None,
+        shot_noise_exponent: float | None = None,
+    ) -> SensorModel:
         """Return a sensor with these electronics.
 
         Light decides cutoff and shot noise together. The cutoff is proportional to it
@@ -82,6 +87,8 @@ class Profile:
             The sensor; it keeps its values of the fields that the profile does not give.
         illuminance_lux
             Light on the scene; None for that of the profile.
+        shot_noise_exponent
+            In place of the profile's; None for that.
 
         Returns
         -------
@@ -107,6 +114,8 @@ class Profile:
             for name, quantity in QUANTITIES.items()
             if name in self.known and quantity.field is not None
         }
+        if shot_noise_exponent is not None:
+            changes["shot_noise_exponent"] = shot_noise_exponent
         if "photoreceptor" in self.known:
             changes["photoreceptor"] = self.known["photoreceptor"].value
         if illuminance_lux is not None:

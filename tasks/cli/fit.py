@@ -78,7 +78,7 @@ def fit(
 
     if out.suffix != ".toml":
         raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
-    check_new(out, overwrite)
+    check_new(out, overwrite, recording)
     if motion and frames.estimate_shift:
         raise TaskError(
             "motion, estimate-shift: found both, expected one of them; an estimated shift would "

@@ -151,7 +151,7 @@ def intrinsics(
     from tasks.rig.intrinsics import Board
     from tasks.rig.intrinsics import intrinsics as calibrate
 
-    check_new(out, overwrite)
+    check_new(out, overwrite, *recordings)
     with progress_bar(terminal.err) as on_progress:
         found = calibrate(
             list(recordings), Board(*board, square), size=size, on_progress=on_progress

@@ -64,9 +64,7 @@ def convert(
     if abs(shift_us) >= MOST_SHIFT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format, topic=reading.topic)
-    if out.exists() and out.samefile(source):
-        raise TaskError(f"{out}: is the input {source}, which cannot be replaced while it is read")
-    check_new(out, overwrite)
+    check_new(out, overwrite, source)
     to = find_format(out, format, new=True)
     parts = reading.parts(source, input_format)
     if from_start:

@@ -69,7 +69,7 @@ def simulate_footage(
         from 1 to 1000 nor "auto".
     """
     out = Path(out)
-    check_new(out, options.overwrite)
+    check_new(out, options.overwrite, footage.path)
     steps = _steps(interpolate)
     rows, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
     height, width = rows.stop - rows.start, columns.stop - columns.start

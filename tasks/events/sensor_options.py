@@ -107,7 +107,7 @@ class PixelOptions:
                 "--cutoff or --illuminance"
             )
         profile = NO_PROFILE if self.profile is None else find_profile(self.profile)
-        model = profile.applied_to(model, self.illuminance)
+        model = profile.applied_to(model, self.illuminance, self.shot_noise_exponent)
         given = {
             field: getattr(self, name)
             for name, field in _FIELDS.items()

@@ -99,10 +99,10 @@ def view(
     for name in _WITHOUT[kind]:
         if getattr(look, name) is not None:
             raise TaskError(f"{name}: found {getattr(look, name)}, expected none with {kind}")
-    if out is not None:
-        check_new(out, overwrite)
-    clip = None if over is None else open_sequence(over)
     files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
+    if out is not None:
+        check_new(out, overwrite, *files)
+    clip = None if over is None else open_sequence(over)
     subject = open_subject(
         files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )

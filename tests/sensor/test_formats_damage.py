@@ -59,6 +59,28 @@ def test_cut_anywhere_is_an_error(name, whole, tmp_path):
             assert len(found) >= data[:length].count(b"\n") - 1
 
 
+@pytest.mark.parametrize(
+    ("text", "cut", "said"),
+    [
+        ("x,y,p,t\n12,40,1,1.5e-03\n31,21,0,1.75e-03\n", 2, "time"),
+        ("t_us,p,x,y\n1500,1,12,40\n1750,0,31,217\n", 2, "pixel"),
+        ("x,y,p,t\n12,40,1,1.5e-03\n31,21,0,1.75e-03\n", 0, ""),
+        ("t,x,y,p\n1.5e-03,12,40,1\n1.75e-03,31,21,0\n", 1, ""),
+    ],
+)
+def test_a_last_line_that_may_lack_digits_is_named(text, cut, said, tmp_path, caplog):
+    """Promise: text that is truncated within its last number reads with a warning; polarities have
+    one digit."""
+    path = tmp_path / "a.csv"
+    path.write_text(text[: len(text) - cut])
+    found = load_events(path, size=(640, 480))
+    assert len(found) == 2
+    warned = [
+        f"{path}: the last line does not end; if the file is truncated, the last event has a "
+    ]
+    assert caplog.messages == [f"{one}wrong {said}" for one in warned if said]
+
+
 @EVERY
 @FUZZ
 @given(

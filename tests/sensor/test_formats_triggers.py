@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from event_streams import SUFFIXES, assert_same, make_events, random_events, streams
 from sensor import EventFormatError
-from sensor.formats import Triggers, load_events, read_triggers, write_events
+from sensor.formats import Triggers, load_events, read_header, read_triggers, write_events
 
 KEPT = pytest.mark.parametrize("name", ["dsec", "evt3", "evt2", "npz"])
 EVT = pytest.mark.parametrize("name", ["evt2", "evt3"])
@@ -104,6 +104,42 @@ def test_damage_gives_an_error_or_valid_triggers(name, tmp_path):
         if name in ("dsec", "npz") and len(found):  # checksums
             assert_same_triggers(found, triggers)
     assert refused > 20
+
+
+@EVT
+def test_triggers_are_not_lost_at_the_end(name, tmp_path):
+    """Promise: a file that is truncated after its last event, but before its last trigger, is
+    refused by readers of both, also within a word."""
+    path = tmp_path / "a.raw"
+    events, triggers = random_events(20, mean_us=9), make_triggers(range(0, 60_000, 3000))
+    write_events(path, events, format=name, triggers=triggers)
+    data = path.read_bytes()
+    assert len(read_triggers(path)) == 20
+    for cut in (1, *range(4, 80, 4), 91):
+        path.write_bytes(data[:-cut])
+        for read in (read_triggers, load_events):
+            with pytest.raises(EventFormatError, match=r"the file ends (after|within a word)"):
+                read(path)
+
+
+@KEPT
+@pytest.mark.parametrize("start_us", [0, 1_699_999_999_000_000, -5])
+def test_the_start_of_the_clock_goes_through_npz(name, start_us, tmp_path):
+    """Promise: what comes from another format through npz is what comes from it at once."""
+    events = random_events(300, start_us=max(0, start_us), mean_us=9)
+    paths = [tmp_path / f"{k}{SUFFIXES[name]}" for k in range(2)]
+    write_events(tmp_path / "a.npz", events, t_offset_us=start_us)
+    assert read_header(tmp_path / "a.npz").t_offset_us == start_us
+    write_events(paths[0], events, format=name, t_offset_us=start_us)
+    again = load_events(tmp_path / "a.npz"), read_header(tmp_path / "a.npz").t_offset_us
+    write_events(paths[1], again[0], format=name, t_offset_us=again[1])
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_text_does_not_keep_the_start_of_the_clock(tmp_path, caplog):
+    path = tmp_path / "a.txt"
+    write_events(path, random_events(9), t_offset_us=5)
+    assert caplog.messages == [f"{path}: text, t x y p cannot store start of the clock"]
 
 
 @pytest.mark.parametrize(

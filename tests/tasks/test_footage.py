@@ -307,6 +307,16 @@ def mp4_shown_by(folder, gray, matrix):
     return video
 
 
+def test_a_video_is_not_replaced_by_its_events(eres, tmp_path):
+    """Promise: --overwrite does not replace what is read."""
+    video = mp4_shown_by(tmp_path, np.full((32, 64), 99, np.uint8), (1.0, 0.0, 0.0, 1.0))
+    before = video.read_bytes()
+    args = ("--out", video, "--format", "npz", "--overwrite", "--resolution", 16)
+    code, _, err = eres("simulate", video, *args)
+    assert (code, "is the input" in err) == (1, True)
+    assert video.read_bytes() == before
+
+
 def test_videos_keep_their_own_times(tmp_path):
     """Promise: a video of variable rate has its own times; --fps replaces them."""
     planes = np.full((5, 3, 16, 16), 128, np.uint8)

@@ -52,6 +52,10 @@ def test_light_wins_over_the_cutoff_of_a_profile_and_noise_follows():
     assert model.cutoff_hz == pytest.approx(3.0)
     assert model.shot_noise_hz == pytest.approx(5 * 10**0.2)
     assert sensor(profile="v2e-noisy", illuminance=1.0, shot_noise=2.0).shot_noise_hz == 2.0
+    for exponent, rate_hz in ((0.0, 5.0), (0.5, 5.0 * 10**0.5)):  # a tenth of the profile's light
+        model = sensor(profile="v2e-noisy", illuminance=1.0, shot_noise_exponent=exponent)
+        assert model.shot_noise_exponent == exponent
+        assert model.shot_noise_hz == pytest.approx(rate_hz)
 
 
 @pytest.mark.parametrize(
