@@ -32,6 +32,7 @@ from tasks.errors import TaskError
 Float64 = NDArray[np.float64]
 
 PERCENTILES = (1.0, 99.0)  # of an image's intensity: black and white
+_DIM = 1e-9  # white, relative to the brightest pixel
 # Tiles per side, levels, and the largest share of a level over its uniform share (0: no limit).
 # "clahe" has the defaults of the public benchmark EVREAL, which uses OpenCV.
 EQUALIZATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
@@ -166,6 +167,10 @@ def picture(
         enlarged = np.asarray(cv2.resize(enlarged, shape[::-1], interpolation=cv2.INTER_CUBIC))
     intensity = np.exp(enlarged - enlarged.max())
     black, white = np.percentile(intensity, PERCENTILES)
+    if white < _DIM:  # next to some hot pixels: the others would have no levels left
+        level = np.percentile(enlarged, PERCENTILES[1])
+        intensity = np.exp(np.minimum(enlarged - level, 1.0))  # above white all are the same
+        black, white = np.percentile(intensity, PERCENTILES)
     if not white > black:
         stretched = np.full(shape, 0.5)
     else:

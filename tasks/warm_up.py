@@ -13,7 +13,9 @@ _log = logging.getLogger(__name__)
 _ENOUGH = 6.0  # time constants; the start then has a weight of 1.7 % (two poles)
 
 
-def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) -> None:
+def warn_if_short(
+    sequence: RadianceSequence, cutoff_hz: float, speed: float, windows_before: int = 0
+) -> None:
     """Warn if a sensor's filter still depends on the sequence's start when the window begins.
 
     Parameters
@@ -24,9 +26,12 @@ def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) ->
         Corner frequency of each of the photoreceptor's poles; inf needs no warm-up.
     speed
         Factor by which the scene moves faster than rendered; it shortens the warm-up.
+    windows_before
+        Number of windows of the same length before the window whose events are used too.
     """
     start_s = float(sequence.t_s[0])
-    seconds = (sequence.window_s[0] - start_s) / speed
+    window_s = sequence.window_s[1] - sequence.window_s[0]
+    seconds = max(0.0, sequence.window_s[0] - windows_before * window_s - start_s) / speed
     is_continuous = start_s == sequence.window_s[0] == 0  # from the path's start: all is scored
     time_constants = 2 * math.pi * cutoff_hz * seconds if math.isfinite(cutoff_hz) else math.inf
     if time_constants < 0.99 * _ENOUGH and not is_continuous:

@@ -86,7 +86,10 @@ def evaluate_sequence(
         )
     if spec.planar_only and (lens := sequence.camera.distortion) is not None:
         raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
-    warn_if_short(sequence, cutoff_hz, speed)
+    options = {"weights": dict(weights)} if weights else {}
+    settings = load(spec.settings)(methods=names, **options)
+    windows_before = max((one.windows_before for one in settings.plan()), default=0)
+    warn_if_short(sequence, cutoff_hz, speed, windows_before)
     warn_if_coarse(sequence)
     truth = ground_truth(sequence)
     height = truth.camera(width).height
@@ -101,6 +104,4 @@ def evaluate_sequence(
     )
     start_us, end_us = (round(t_s / speed * 1e6) for t_s in sequence.window_s)
     setting = Setting(model, speed, start_us, end_us)
-    options = {"weights": dict(weights)} if weights else {}
-    tasks = {task: load(spec.settings)(methods=names, **options)}
-    return evaluate(sequence, truth, [setting], tasks, on_progress).rows
+    return evaluate(sequence, truth, [setting], {task: settings}, on_progress).rows

@@ -139,7 +139,8 @@ def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> No
     Raises
     ------
     WeightsError
-        An entry is missing, unexpected, of another shape or not finite; the message names it.
+        An entry is missing, unexpected, of another shape or kind, or not finite; the message names
+        it.
     """
     expected = network.state_dict()
     for name in expected:
@@ -151,12 +152,53 @@ def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> No
             )
     if others := [name for name in state if name not in expected]:
         raise WeightsError(f"{file}: found entries of another network: {_listed(others)}")
-    for name, tensor in state.items():
-        if not torch.isfinite(tensor).all():
-            raise WeightsError(f"{file}: {name}: found values that are not finite")
     network.load_state_dict(
-        {name: state[name].to(expected[name].dtype) for name in expected}, assign=True
+        {name: _as(state[name], expected[name].dtype, name, file) for name in expected},
+        assign=True,
     )
+
+
+def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
+    """Return finite values of a type, of a tensor that has its values."""
+    is_number = tensor.is_floating_point() == dtype.is_floating_point and not tensor.is_complex()
+    is_whole = tensor.layout == torch.strided and not (tensor.is_quantized or tensor.is_meta)
+    if not (is_number and is_whole) or tensor.dtype == torch.bool:
+        raise WeightsError(
+            f"{file}: {name}: found {_kind(tensor)}, expected {_plain(dtype)} numbers"
+        )
+    found = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
+    if not torch.isfinite(found).all():
+        raise WeightsError(f"{file}: {name}: found values that are not finite as {_plain(dtype)}")
+    return found
+
+
+def _kind(tensor: Tensor) -> str:
+    kinds = "meta" if tensor.is_meta else _plain(tensor.layout)
+    return f"{_plain(tensor.dtype)} values, {kinds}"
+
+
+def _plain(one: torch.dtype | torch.layout) -> str:
+    return str(one).removeprefix("torch.")
+
+
+def check_bins(bins: int, file: Path) -> int:
+    """Return the number of bins of a network's voxel grids, if there can be so many.
+
+    Parameters
+    ----------
+    bins
+        Number of channels of its input.
+    file
+        The file that its weights were read from, for errors.
+
+    Raises
+    ------
+    WeightsError
+        There are fewer than two.
+    """
+    if bins < 2:
+        raise WeightsError(f"{file}: found {bins} bins of voxel grids, expected at least 2")
+    return bins
 
 
 def _shape(tensor: Tensor) -> str:

@@ -15,14 +15,16 @@ from torch.nn import functional
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.checkpoint import check_bins, held, load_into, read_checkpoint, tensors_of
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 from tasks.learned.size import check_memory
 
 ARCHITECTURE = "E2VIDRecurrent"
 _ROOT = "unetrecurrent."
-# Peak memory per pixel and per channel at full resolution, measured at 640 and 1280 px.
-_BYTES_PER_PX_AND_CHANNEL = 80
+# Peak memory per pixel and per channel at full resolution. Measured in float32 at 480 px: 46, and
+# 62 for a decoder that enlarges what it concatenates.
+_BYTES_PER_PX_AND_CHANNEL = 60
+_BYTES_OF_ENLARGED = 80
 _KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
@@ -70,8 +72,10 @@ class E2vid:
                 f"{self._name}: found a sensor of {width}x{height} px, expected more than "
                 f"{multiple} px on a side, as it normalizes over the image"
             )
-        channels = self._network.options.base_num_channels
-        needed = _BYTES_PER_PX_AND_CHANNEL * channels * width * height
+        options = self._network.options
+        is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
+        per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
+        needed = per_channel * options.base_num_channels * width * height
         check_memory(self._name, width, height, needed)
 
     def kept_bytes(self, width: int, height: int) -> int:
@@ -207,7 +211,7 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
         norm = "BN" if f"{_ROOT}encoders.0.conv.norm_layer.weight" in state else "IN"
     is_lstm = f"{_ROOT}encoders.0.recurrent_block.Gates.weight" in state
     return E2vidOptions(
-        num_bins=bins,
+        num_bins=check_bins(bins, file),
         skip_type="concat" if pred.shape[1] == 2 * base else "sum",
         recurrent_block_type="convlstm" if is_lstm else "convgru",
         num_encoders=encoders,
@@ -236,7 +240,7 @@ def _check_options(stored: Mapping[str, Any] | None, options: E2vidOptions, file
         said = stored.get(field.name, default)
         if field.name == "norm" and said not in ("BN", "IN"):
             said = None  # any other word means none
-        if said != of_weights[field.name]:
+        if isinstance(said, Tensor) or said != of_weights[field.name]:
             raise WeightsError(
                 f"{file}: {field.name}: found {said!r}, expected {of_weights[field.name]!r}, as "
                 "in the weights"

@@ -12,12 +12,16 @@ from torch import Tensor
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.checkpoint import check_bins, held, load_into, read_checkpoint, tensors_of
 from tasks.learned.eraft_network import ERAFT, ITERATIONS
 from tasks.learned.size import check_memory
 
-LEAST_PX = 128  # below, the coarsest level of the correlation has one cell: nothing to interpolate
-_BYTES_PER_PX = 600  # at the peak; 500 were measured at 1280 px, in bfloat16 and in float32
+# Images are padded to multiples of 32 px. At 96 px the coarsest level of the correlation has one
+# cell and nothing to interpolate; between, much of an image would be padding.
+LEAST_PX = 128
+# At the peak. Measured: 650 in float32 at 640x480 px with one update, without the grids of events,
+# and 820 in the process that docs/learned.md has at 1280 px, without PyTorch itself.
+_BYTES_PER_PX = 850
 _FIRST = "fnet.conv1.weight"
 # The published code stores one normalization under both names.
 _TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
@@ -127,7 +131,7 @@ def load(file: Path) -> ERaft:
     state = _with_both_names(tensors_of(model, file), file)
     if state[_FIRST].ndim != 4:
         raise WeightsError(f"{file}: {_FIRST}: found {state[_FIRST].ndim} axes, expected 4")
-    bins = state[_FIRST].shape[1]
+    bins = check_bins(state[_FIRST].shape[1], file)
     with torch.device("meta"):
         network = ERAFT(bins)
     load_into(network, state, file)

@@ -10,7 +10,14 @@ import torch
 from torch import Tensor, nn
 
 from tasks.errors import WeightsError
-from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of, write_checkpoint
+from tasks.learned.checkpoint import (
+    check_bins,
+    held,
+    load_into,
+    read_checkpoint,
+    tensors_of,
+    write_checkpoint,
+)
 from tasks.learned.e2vid import E2vid, options_of
 from tasks.learned.e2vid_network import E2VIDRecurrent
 from tasks.learned.eraft import ERaft
@@ -91,10 +98,11 @@ def _flow(file: Path, light: str) -> ERaft:
             f"{file}: {_FIRST}: found shape {shape}, expected four axes, the first of 64, "
             "32, 16, 8 or 4"
         )
+    bins = check_bins(shape[1], file)
     with torch.device("meta"):
-        network = ERAFT(shape[1], narrower[0])
+        network = ERAFT(bins, narrower[0])
     load_into(network, state, file)
-    return ERaft(network, shape[1], "our flow")
+    return ERaft(network, bins, "our flow")
 
 
 # Each reads a file that `save` wrote, and raises `WeightsError` if it cannot be read or is of

@@ -302,20 +302,31 @@ class _Sharpness:
 
     def __init__(self, window: Window, events: Events, start: Start, features: int) -> None:
         self._reach_px = start.reach_px
-        self._contrasts, centers_px = [], []
+        self._farthest_px = float(max(events.width, events.height))
+        self._samples, self._gains, centers_px = [], [], []
         unknown = np.full((events.height, events.width), np.nan)
         for center_px in _event_corners(events)[:features]:
             sample = start.sample(events, window, unknown, center_px)
             if len(sample.t):
-                contrast = Contrast(sample, self._reach_px, offset_px=EVEN_OFFSET_PX)
-                self._contrasts.append((contrast, contrast(np.zeros(2))))
+                self._samples.append(sample)
+                self._gains.append(_gain(sample, self._reach_px))
                 centers_px.append(center_px)
         self.centers_px = np.array(centers_px).reshape(-1, 2)
 
     def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Return the gain of a flow, 1 for zero flow."""
-        contrast, still = self._contrasts[item]
-        return contrast(np.clip(flow_px, -self._reach_px, self._reach_px)) / still
+        """Return the gain of a flow, 1 for zero flow; flow beyond the sensor is cut."""
+        flow_px = np.clip(flow_px, -self._farthest_px, self._farthest_px)
+        reach_px = float(np.abs(flow_px).max())
+        if reach_px <= self._reach_px:
+            return self._gains[item](flow_px)
+        return _gain(self._samples[item], reach_px)(flow_px)
+
+
+def _gain(sample: FlowSample, reach_px: float) -> Callable[[NDArray[np.float64]], float]:
+    """Return the contrast of the events moved back along a flow, relative to zero flow."""
+    contrast = Contrast(sample, reach_px, offset_px=EVEN_OFFSET_PX)
+    still = contrast(np.zeros(2))
+    return lambda flow_px: contrast(flow_px) / still
 
 
 def _event_corners(events: Events) -> NDArray[np.float64]:

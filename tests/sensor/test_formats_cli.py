@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -28,6 +29,9 @@ from sensor.formats import (
     write_events,
 )
 from sensor.optics import crop_to_aspect
+from tasks.errors import TaskError
+from tasks.evaluation.sequence import evaluate_sequence
+from tasks.registry import TASKS
 from tasks.warm_up import warn_if_short
 
 
@@ -230,6 +234,27 @@ def test_a_clip_without_a_warm_up_is_warned_about(caplog, start_s, warns):
     caplog.clear()
     warn_if_short(frames, math.inf, 1.0)
     assert not caplog.messages
+
+
+def test_the_window_before_counts_in_the_warm_up(caplog):
+    """Promise: 0.25 s of frames before a window of 0.1 s are 0.15 s before the window before it."""
+    caplog.set_level(logging.WARNING, "tasks")
+    frames = SimpleNamespace(t_s=np.array([0.0, 0.35]), window_s=(0.25, 0.35))
+    warn_if_short(frames, 5.0, 1.0)
+    assert not caplog.messages
+    warn_if_short(frames, 5.0, 1.0, windows_before=1)
+    assert "warm-up, 150 ms, is 4.7 time constants" in caplog.text
+
+
+def test_evaluate_warns_of_the_warm_up_of_both_windows(sequence, caplog):
+    """Promise: the events of the window before the scored one are those of dense flow too."""
+    cutoff_hz = 6.5 / (2 * math.pi * (sequence.window_s[0] - sequence.t_s[0]))
+    for task, said in (("flow", False), ("dense_flow", True)):
+        caplog.clear()
+        names = [name for name in TASKS[task].methods if name.startswith("initial")]
+        with suppress(TaskError):  # the clip may lack the window before
+            evaluate_sequence(sequence, task, methods=names, width=32, cutoff_hz=cutoff_hz)
+        assert ("time constants" in caplog.text) == said, task
 
 
 def test_middle():

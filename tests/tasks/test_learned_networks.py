@@ -419,6 +419,42 @@ HEAD, PRED = "unetrecurrent.head.conv2d.weight", "unetrecurrent.pred.conv2d.bias
             "found values that are not finite",
         ),
         (
+            lambda: e2vid_checkpoint(
+                state_dict=small_state_with(PRED, torch.tensor([1e300], dtype=torch.float64))
+            ),
+            "found values that are not finite as float32",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.tensor([1j]))),
+            f"{PRED}: found complex64 values, strided, expected float32 numbers",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.tensor([True]))),
+            f"{PRED}: found bool values, strided, expected float32 numbers",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.zeros(1).to_sparse())),
+            f"{PRED}: found float32 values, sparse_coo, expected float32 numbers",
+        ),
+        (
+            lambda: e2vid_checkpoint(
+                state_dict=small_state_with(PRED, torch.zeros(1, device="meta"))
+            ),
+            f"{PRED}: found float32 values, meta, expected float32 numbers",
+        ),
+        (
+            lambda: e2vid_checkpoint(
+                state_dict=small_state_with(HEAD, e2vid_state("small")[HEAD][:, :1])
+            ),
+            "found 1 bins of voxel grids, expected at least 2",
+        ),
+        (
+            lambda: e2vid_checkpoint(
+                model={**E2VID["configs"]["small"], "num_encoders": torch.tensor([2, 2])}
+            ),
+            "num_encoders: found tensor",
+        ),
+        (
             lambda: e2vid_checkpoint(model={**E2VID["configs"]["small"], "num_encoders": 4}),
             "num_encoders: found 4, expected 2, as in the weights",
         ),

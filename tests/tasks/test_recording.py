@@ -14,7 +14,7 @@ from recordings import SIZE, STEP, C, make_recording
 from sensor import Events, SensorModel, simulate
 from sensor.formats import write_events
 from tasks.errors import TaskError
-from tasks.flow import flow_sample
+from tasks.flow import FlowEstimate, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.methods.contrast_maximization.contrast import _EXPOSURES
 from tasks.recording.clock import estimate_shift
@@ -50,6 +50,39 @@ def medians(found):
     """Return the median score of each method."""
     names = dict.fromkeys(score.method for score in found.scores)
     return {n: np.median([s.value for s in found.scores if s.method == n]) for n in names}
+
+
+def moving_right(sample: FlowSample) -> FlowEstimate:
+    return FlowEstimate(np.array([31.0, 0.0]))
+
+
+def far_off(sample: FlowSample) -> FlowEstimate:
+    return FlowEstimate(np.array([60.0, 0.0]))
+
+
+def test_answers_beyond_the_search_are_scored_as_they_are(tmp_path):
+    """Promise: without frames, the gain is that of the flow that a method returns, also beyond
+    `search_px`, 21.6 px by default here: dots that move 31 px in the window are sharpest there.
+
+    Expected: the gain does not depend on `search_px`.
+    """
+    rng = np.random.default_rng(0)
+    start, step = rng.uniform(0, 346 - 31, (600, 1)), np.arange(31)
+    x, y = np.floor(start + step).ravel(), np.repeat(rng.integers(0, 260, 600), 31)
+    t_us = (1000 * (step + rng.random((600, 1)))).astype(np.int64).ravel()
+    order = np.argsort(t_us, kind="stable")
+    dots = make_events(*(one[order] for one in (t_us, x, y, np.ones(x.size))), 346, 260)
+    write_events(tmp_path / "dots.h5", dots)
+    recording = open_recording(tmp_path / "dots.h5")
+    names = [f"{__name__}:{name}" for name in ("moving_right", "far_off")]
+    gains = []
+    for search_px in (None, 40.0):
+        options = FlowOptions(search_px=search_px, window_ms=30.9, features=20)
+        gains.append(medians(evaluate_recording(recording, "flow", methods=names, flow=options)))
+    right, wrong = (np.array([one[name] for one in gains]) for name in names)
+    assert right[0] > 1.5 * wrong[0]
+    np.testing.assert_allclose(right, right[0], rtol=0.02)
+    np.testing.assert_allclose(wrong, wrong[0], rtol=0.02)
 
 
 @pytest.mark.parametrize("part", [1, 7, 1000, 10**6])

@@ -159,6 +159,26 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
     assert "code git one; git two" in out
 
 
+@pytest.mark.parametrize(
+    ("codes", "said"),
+    [
+        (("git one", "git two", "git one"), "with code git one, begun with git one; git two"),
+        (("git one", "git one", "git one-dirty"), "with code git one-dirty, begun with git one"),
+        (("git one-dirty", "git one-dirty", "git one-dirty"), "with code git one-dirty, begun"),
+        (("git one", "git one", "git one"), ""),
+    ],
+)
+def test_other_code_is_said_at_every_start(tmp_path, caplog, codes, said):
+    """Promise: code is compared with that of the start before; changes without a commit have no
+    name to compare."""
+    for k, code in enumerate(codes):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            stopped(tmp_path, k + 1, code=code)
+    assert said in caplog.text
+    assert bool(said) == bool(caplog.text)
+
+
 @contextmanager
 def full_disk(size):
     """Limit files to a number of bytes."""

@@ -268,6 +268,19 @@ def test_predictions_are_enlarged_about_their_middle():
     assert aligned > 35 > shifted + 5
 
 
+@pytest.mark.parametrize("brighter", [3.0, 19.0, 23.0, 700.0, 1e5])
+def test_a_hot_pixel_takes_no_levels_from_the_others(brighter):
+    """Promise: black and white are percentiles, so all that is brighter than white looks the same,
+    however far above, also where the others would be 0 next to it."""
+    image = smooth_noise(6, blur_px=4.0)
+    hot, white = image.copy(), image.copy()
+    white[10, 20] = image.max() + 1e-3
+    hot[10, 20] = image.max() + brighter
+    found = picture(hot, hot.shape, "none")
+    np.testing.assert_allclose(found, picture(white, white.shape, "none"), atol=1e-9)
+    assert len(np.unique(found)) > 0.9 * found.size
+
+
 def test_bad_pictures_are_refused():
     """Promise: NaN, an unknown equalization and images of two sizes are errors."""
     with pytest.raises(TaskError, match="not finite"):

@@ -210,7 +210,8 @@ def _step(
 
 def _autocast(place: torch.device) -> torch.autocast:
     """Compute in bfloat16 if the device supports it, as with trained networks."""
-    is_fast = torch.cuda.is_bf16_supported() if place.type == "cuda" else has_bfloat16()
+    on_gpu = place.type == "cuda"
+    is_fast = torch.cuda.is_bf16_supported(False) if on_gpu else has_bfloat16()  # not emulated
     return torch.autocast(place.type, torch.bfloat16, enabled=is_fast)
 
 

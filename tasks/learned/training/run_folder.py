@@ -139,11 +139,12 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
         return dict(made_with)
     before = read_description(folder)["made_with"]
     joined = together([before, made_with])
-    if joined.get("code") != before.get("code"):
+    code = str(made_with.get("code"))
+    if code.endswith("-dirty") or str(before.get("code")).split("; ")[-1] != code:
         _logger.warning(
             "%s: continued with code %s, begun with %s: if crops, network or loss differ, train "
             "again in another folder",
-            *(folder, made_with.get("code"), before.get("code")),
+            *(folder, code, before.get("code")),
         )
     return joined
 

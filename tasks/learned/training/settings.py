@@ -210,8 +210,8 @@ class FlowTraining:
                 raise TrainingError(f"{name}: found {getattr(self, name)}, expected at least 2")
         if self.crops.side_px < 128:
             raise TrainingError(
-                f"crops.side_px: found {self.crops.side_px}, expected at least 128, below which "
-                "the network's coarsest level has a single cell"
+                f"crops.side_px: found {self.crops.side_px}, expected at least 128, the smallest "
+                "image of the network"
             )
 
 
