@@ -191,6 +191,10 @@ def check_bins(bins: int, file: Path) -> int:
     file
         The file that its weights were read from, for errors.
 
+    Returns
+    -------
+    The number.
+
     Raises
     ------
     WeightsError

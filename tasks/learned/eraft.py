@@ -19,8 +19,8 @@ from tasks.learned.size import check_memory
 # Images are padded to multiples of 32 px. At 96 px the coarsest level of the correlation has one
 # cell and nothing to interpolate; between, much of an image would be padding.
 LEAST_PX = 128
-# At the peak. Measured: 650 in float32 at 640x480 px with one update, without the grids of events,
-# and 820 in the process that docs/learned.md has at 1280 px, without PyTorch itself.
+# At the peak. Measured: 650 in float32 at 640x480 px with one update, without the grids of events;
+# the process in docs/learned.md has 1050 at 1280 px, of which PyTorch itself is a part.
 _BYTES_PER_PX = 850
 _FIRST = "fnet.conv1.weight"
 # The published code stores one normalization under both names.
