@@ -117,6 +117,7 @@ def open_footage(
     else:
         if time_unit is not None:
             raise TaskError(f"{path}: found time-unit, expected it only with timestamps.txt")
+        video.check_tags(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
     first = next(coded())

@@ -26,10 +26,8 @@ _TIMES = "timestamps.txt"
 _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
-# Decoders return part of the image of a truncated file, so its end is checked.
-_ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
-_END_BYTES = 1 << 12
-_WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _EXTRA_SAMPLES = 256, 257, 258, 338  # tags of TIFF
+_PNG_END_BYTES = 1 << 12
+_WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 256, 257, 258, 262, 338  # of TIFF
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
 _NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
@@ -169,12 +167,14 @@ def _check_complete(files: list[Path]) -> None:
 
 def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise TaskError(
             f"{file}: found bytes that are not text, expected one time per line"
         ) from error
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
+    if stated and time_unit and stated[1] != time_unit:
+        raise TaskError(f"{file}: found {option} {time_unit}, expected {stated[1]}, as it states")
     unit = time_unit or (stated and stated[1])
     if unit is None or unit not in TIME_UNITS:
         found = "no unit" if unit is None else f"unit {unit!r}"
@@ -227,11 +227,10 @@ def _read(file: Path) -> NDArray[np.generic]:
     if kind == "exr":
         return _checked(file, _read_exr(file))
     data = file.read_bytes()
-    end = _ENDS.get(kind, b"")
     image: NDArray[np.generic] | None = None
     if kind == "tiff" and _is_straight(file):
         image = _read_straight(file)
-    elif end in data[-_END_BYTES:]:
+    elif _is_complete(data, kind):
         # Bit depth and colors as stored, without alpha, rotated by the EXIF orientation.
         image = cv2.imdecode(
             np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
@@ -242,7 +241,21 @@ def _read(file: Path) -> NDArray[np.generic]:
         )
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
+    if image.dtype == np.uint16 and kind == "tiff" and _tiff_tags(file).get(_PHOTOMETRIC) == 0:
+        image = np.invert(image)  # white is 0, which OpenCV turns round for 8 bits only
     return _checked(file, image if image.ndim == 2 else image[..., ::-1])
+
+
+def _is_complete(data: bytes, kind: str) -> bool:
+    """Return whether a file has its end: decoders return part of the image of a truncated one."""
+    if kind == "png":
+        return b"IEND" in data[-_PNG_END_BYTES:]
+    if kind != "jpeg":
+        return True
+    at = 2  # after the start of the image; a preview inside a segment has an end too
+    while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+    return b"\xff\xd9" in data[at:]  # phones append films
 
 
 def _is_straight(file: Path) -> bool:

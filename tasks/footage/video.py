@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 from tasks.footage.frame_size import check_size
+
+_log = logging.getLogger(__name__)
 
 _RIGHT_ANGLE = 1e-3  # largest deviation from a right angle, radians
 _HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the matrix of BT.709
@@ -75,6 +78,40 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     return [round(t * step * 10**9) for t in times]
 
 
+_OTHER_CURVES = {16: "PQ (SMPTE ST 2084)", 18: "HLG (ARIB STD-B67)"}  # of H.273, Table 3
+
+
+def check_tags(path: Path, encoding: str | None) -> None:
+    """Refuse a transfer function that `sensor.to_linear` lacks; warn of what is left out.
+
+    Parameters
+    ----------
+    path
+        The video.
+    encoding
+        Transfer function that the user gave, in place of that of the tags.
+
+    Raises
+    ------
+    TaskError
+        The video is tagged as PQ or HLG, and no encoding is given.
+    """
+    with _open(path) as (_, stream):
+        codec = stream.codec_context
+        curve = _OTHER_CURVES.get(codec.color_trc)
+        transparent = any(component.is_alpha for component in codec.format.components)
+        ratio = stream.sample_aspect_ratio
+    if curve and encoding is None:
+        raise TaskError(
+            f"{path}: found video encoded with {curve}, expected one of BT.709, sRGB, a gamma or "
+            "linear light; convert it, or give --encoding"
+        )
+    if transparent:
+        _log.warning("%s: transparency is left out: hidden pixels are seen", path)
+    if ratio and ratio != 1:
+        _log.warning("%s: found pixels %s as wide as high; they are taken as square", path, ratio)
+
+
 def _is_shown(packet: Any, codec: str) -> bool:
     """Return whether a packet has a picture to show: VP8's reference frames may be for others.
 
@@ -125,10 +162,8 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
 
     components = frame.format.components
     deep = max(component.bits for component in components) > 8
-    if len(components) == 1 and not frame.format.has_palette and not frame.format.is_bayer:
-        target = "gray16le" if deep else "gray"
-    else:
-        target = "rgb48le" if deep else "rgb24"
+    gray = len(components) == 1 and not frame.format.has_palette and not frame.format.is_bayer
+    target = ("gray16le" if deep else "gray") if gray else "rgb48le" if deep else "rgb24"
     untagged = Colorspace.ITU709 if frame.height >= _HIGH_DEFINITION else Colorspace.ITU601
     tags = {one.value: one for one in Colorspace}
     tags |= {6: Colorspace.ITU601, 10: Colorspace.BT2020}  # in tags alone, not in swscale
@@ -140,6 +175,11 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
     )
+    if gray and frame.color_range == ColorRange.MPEG:  # which swscale leaves as it is
+        most = 65535 if deep else 255
+        black, white = (code * (most + 1) / 256 for code in (16, 235))
+        full = np.clip((numbers.astype(np.float64) - black) / (white - black), 0.0, 1.0)
+        return np.round(most * full).astype(numbers.dtype)
     return numbers
 
 

@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.levels import white_level
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
 from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
-from tasks.footage.images import list_images, read_images, times_ns
+from tasks.footage.images import has_transparency, list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance
 
 logger = logging.getLogger(__name__)
@@ -48,12 +49,15 @@ class Frames:
         exposure is unknown.
     encoding
         Transfer function of the stored numbers, see `sensor.to_linear`.
+    white_level
+        Light of white: 1, or for floats that of `sensor.levels.white_level` in the first frame.
     """
 
     files: tuple[Path, ...]
     start_us: NDArray[np.int64]
     end_us: NDArray[np.int64]
     encoding: str
+    white_level: float = 1.0
 
     def __len__(self) -> int:
         return len(self.files)
@@ -93,7 +97,7 @@ class Frames:
         TaskError
             The image is damaged, or has another size than the first.
         """
-        found = self._luminance(next(read_images([self.files[k]])))
+        found = self._luminance(next(read_images([self.files[k]]))) / np.float32(self.white_level)
         if found.shape != self._shape:
             (height, width), expected = found.shape, f"{self._shape[1]}x{self._shape[0]}"
             raise TaskError(
@@ -107,7 +111,7 @@ class Frames:
         return np.log(self.light(k).astype(np.float64) + DARK)
 
     def footage(self) -> Footage:
-        """Return the frames as footage, each at the middle of its exposure; white is 1."""
+        """Return the frames as footage, each at the middle of its exposure."""
         height, width = self.light(0).shape
         first_us = int(self.middle_us[0])
         return Footage(
@@ -117,7 +121,7 @@ class Frames:
             height=height,
             width=width,
             encoding=self.encoding,
-            white_level=1.0,
+            white_level=self.white_level,
             frames=lambda: map(self._luminance, read_images(list(self.files))),
         )
 
@@ -182,7 +186,7 @@ def open_frames(
                 f"{folder}: found no times of frames, expected {FILE_NAME} ({','.join(COLUMNS)}), "
                 "images.txt or timestamps.txt"
             )
-        text = source.read_text(encoding="utf-8", errors="replace")
+        text = source.read_text(encoding="utf-8-sig", errors="replace")
         if time_unit is None and not text.startswith("#"):
             raise _unknown_unit(source, None)
         files = list_images(folder)
@@ -215,23 +219,32 @@ def _checked(
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
     times_us = np.array(start, np.int64), np.array(end, np.int64)
-    return Frames(tuple(files), *times_us, _encoding(files[0], encoding))
+    found = Frames(tuple(files), *times_us, *_encoding(files[0], encoding))
+    if has_transparency(files[0]):
+        logger.warning("%s: transparency is left out: hidden pixels are seen", source)
+    return found
 
 
-def _encoding(first: Path, given: str | None) -> str:
-    """Return the encoding of images like the first."""
-    if next(read_images([first])).dtype.kind != "f":
-        return given or "srgb"
+def _encoding(first: Path, given: str | None) -> tuple[str, float]:
+    """Return the encoding of images like the first, and their light of white."""
+    image = next(read_images([first]))
+    if image.dtype.kind != "f":
+        return given or "srgb", 1.0
     if given not in (None, "linear"):
         raise TaskError(f"{first}: found floats with encoding {given}, expected linear")
-    return "linear"
+    white = white_level(Luminance("linear")(image))
+    if white <= 0:
+        raise TaskError(
+            f"{first}: found a black first frame, expected light, as white is its 99.9th percentile"
+        )
+    return "linear", white
 
 
 def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:
     if time_unit is None or time_unit not in TIME_UNITS:
         raise _unknown_unit(listed, time_unit)
     files, t_us = [], []
-    lines = listed.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     for k, line in enumerate(lines, start=1):
         text = line.partition("#")[0].strip()
         if not text:

@@ -71,7 +71,7 @@ def score_reconstruction(
     Returns
     -------
     PSNR of each frame and method, of linear light; the peak is white, the largest value that the
-    files can store.
+    files can store, for floats `Frames.white_level`.
     """
     pairs = inside(recording, frames)
     loaded = {name: load_method("reconstruction", name) for name in methods}

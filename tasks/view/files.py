@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
-from itertools import chain, islice
+from itertools import chain, islice, product
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ from PIL import Image
 
 from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
-from tasks.view.drawing import Picture
+from tasks.view.drawing import PALETTES, STRENGTHS, Picture
 
 _ENCODERS = ("libx264", "libopenh264")  # for H.264, the best first
 _PALETTE_PICTURES = 5  # first pictures, which determine the palette of a GIF
+_GRAYS = (40, 120, 200)  # of light behind events, for which it has their colors
 _WEBP_QUALITY = 60
 _TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of ticks
 _LEAST_TICKS = {".gif": 2, ".webp": 11}  # browsers play shorter pictures ten times slower
@@ -101,7 +102,10 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     """
     # One palette for all pictures, so that colors do not flicker.
     some = list(islice(pictures, _PALETTE_PICTURES))
-    colors = Image.fromarray(np.concatenate(some)).quantize(255)
+    events = _event_colors()
+    colors = Image.fromarray(np.concatenate(some)).quantize(256 - len(events))
+    found = (colors.getpalette() or [])[: 3 * (256 - len(events))]
+    colors.putpalette([*found, *events.ravel().tolist()])
     first, *rest = some
     coded = (_coded(picture, colors) for picture in chain(rest, pictures))
     with new_file(path) as file:
@@ -113,6 +117,18 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
             duration=round(1000 / fps),
             loop=0,
         )
+
+
+def _event_colors() -> Picture:
+    """Return (N, 3) colors of events of both polarities, which the first pictures may lack."""
+    found = []
+    for palette in PALETTES.values():
+        grounds = [palette.ground, *((gray,) * 3 for gray in _GRAYS)]
+        for color, ground, strength in product(
+            (palette.brighter, palette.darker), grounds, STRENGTHS[1:]
+        ):
+            found.append(strength * np.array(color) + (1 - strength) * np.array(ground))
+    return np.round(found).astype(np.uint8)
 
 
 def _coded(picture: Picture, colors: Image.Image) -> Image.Image:

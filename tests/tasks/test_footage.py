@@ -220,6 +220,54 @@ def test_videos_are_decoded_by_their_tags(tmp_path, matrix, wide):
     np.testing.assert_allclose(list(footage), expected, atol=4e-3)
 
 
+@pytest.mark.parametrize(("pixels", "step"), [("gray", 1), ("gray10le", 4)])
+@pytest.mark.parametrize("wide", [1, 2])
+def test_gray_videos_have_the_range_of_their_tags(tmp_path, pixels, step, wide):
+    """Physics: black and white are at codes 16 and 235 of studio range, 0 and 255 of full range."""
+    codes = np.array([0, 8, 16, 32, 128, 235, 252]) * step
+    planes = np.broadcast_to(codes, (2, 32, 7)).astype(np.uint8 if step == 1 else np.uint16)
+    path = write_video(tmp_path / "a.mkv", planes.copy(), pixels=pixels, wide=wide)
+    black, white = (16 * step, 235 * step) if wide == 1 else (0, 256 * step - 1)
+    expected = np.clip((codes - black) / (white - black), 0, 1)
+    light = next(iter(open_footage(path, encoding="linear")))[0]
+    np.testing.assert_allclose(light, expected, atol=3e-3)
+
+
+def write_tagged(path, *, codec="ffv1", pixels="yuv444p", **tags):
+    """Write a video whose codec has these tags."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=100)
+        stream.height, stream.width, stream.pix_fmt = 32, 48, pixels
+        for name, value in tags.items():
+            setattr(stream.codec_context, name, value)
+        for _ in range(2):
+            frame = av.VideoFrame.from_ndarray(np.full((32, 48, 4), 99, np.uint8), format="rgba")
+            container.mux(stream.encode(frame.reformat(format=pixels)))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize(("curve", "name"), [(16, "PQ"), (18, "HLG")])
+def test_videos_of_other_curves_are_refused(tmp_path, curve, name):
+    """Promise: video for HDR screens does not become events of BT.709's contrast in silence."""
+    path = write_tagged(tmp_path / "a.mkv", color_trc=curve)
+    with pytest.raises(TaskError, match=rf"a.mkv: found video encoded with {name} \(.*--encoding"):
+        open_footage(path)
+    assert open_footage(path, encoding="rec709").encoding == "rec709"
+    assert open_footage(write_tagged(tmp_path / "b.mkv", color_trc=1)).encoding == "rec709"
+
+
+def test_what_videos_have_beside_light_is_said(tmp_path, caplog):
+    """Promise: transparency and pixels that are not square are named, not ignored in silence."""
+    open_footage(write_tagged(tmp_path / "a.mkv"))
+    assert not caplog.messages
+    open_footage(write_tagged(tmp_path / "b.mkv", pixels="yuva444p"))
+    assert "b.mkv: transparency is left out" in caplog.text
+    ratio = Fraction(4, 3)
+    open_footage(write_tagged(tmp_path / "c.mkv", codec="libx264", sample_aspect_ratio=ratio))
+    assert "c.mkv: found pixels 4/3 as wide as high; they are taken as square" in caplog.text
+
+
 def test_a_matrix_with_two_tags_is_one_matrix(tmp_path):
     """Promise: BT.601 tagged as SMPTE 170M stays that in high definition, where untagged video
     would be BT.709."""
@@ -349,6 +397,9 @@ def test_times_from_a_file(tmp_path):
     np.testing.assert_allclose(footage.t_s, [0, 1e-5, 0.499999], atol=1e-12)
     times.write_text("7\n8\n9\n")
     np.testing.assert_allclose(open_footage(folder, time_unit="ns").t_s, [7e-9, 8e-9, 9e-9])
+    times.write_text("# unit: ns\n7\n8\n9\n", encoding="utf-8-sig")  # as other systems save it
+    for unit in (None, "ns"):
+        np.testing.assert_allclose(open_footage(folder, time_unit=unit).t_s, [7e-9, 8e-9, 9e-9])
 
 
 @pytest.mark.parametrize(
@@ -363,6 +414,7 @@ def test_times_from_a_file(tmp_path):
         ("1\n1e11\n2\n", "s", "txt:2: found '1e11', expected one time"),
         ("1\n1e999999\n2\n", "s", "txt:2: found '1e999999', expected one time"),
         ("1 0.png\n2\n3\n", "s", "txt:1: found '1 0.png', expected one time"),
+        ("# unit: ns\n1\n2\n3\n", "us", "txt: found --time-unit us, expected ns, as it states"),
     ],
 )
 def test_times_are_checked(tmp_path, text, unit, error):
@@ -417,9 +469,28 @@ def test_a_truncated_jpeg_is_refused(tmp_path):
     folder = write_folder(tmp_path / "in", pictures(2, 200, 200), ".jpg")
     assert len(list(open_footage(folder, fps=1))) == 2
     data = (folder / "frame9.jpg").read_bytes()
-    (folder / "frame9.jpg").write_bytes(data[: len(data) // 2])
-    with pytest.raises(TaskError, match=r"frame9.jpg: found \d+ bytes .* not a complete JPEG"):
-        list(open_footage(folder, fps=1))
+    (folder / "frame9.jpg").write_bytes(data + bytes(20_000))  # as phones append films
+    assert len(list(open_footage(folder, fps=1))) == 2
+    preview = b"\xff\xe1" + (len(data) + 2).to_bytes(2) + data  # has an end of its own
+    assert len(data) < 65_000
+    for cut in (len(data) // 2, len(data) - 2):
+        for start in (b"", preview):
+            (folder / "frame9.jpg").write_bytes(data[:2] + start + data[2:cut])
+            with pytest.raises(TaskError, match=r"frame9.jpg: .* bytes .* not a complete JPEG"):
+                list(open_footage(folder, fps=1))
+
+
+def test_sixteen_bits_whose_white_is_zero(tmp_path):
+    """Promise: TIFF files may store light upside down; decoders turn it round for 8 bits only."""
+    folder = write_folder(tmp_path / "in", pictures(2, dtype=np.uint16)[..., 0], ".tif")
+    straight = list(read_images(list_images(folder)))
+    photometric = [struct.pack("<HHIHH", 262, 3, 1, value, 0) for value in (1, 0)]
+    for file in folder.iterdir():
+        data = file.read_bytes()
+        assert data.count(photometric[0]) == 1
+        file.write_bytes(data.replace(*photometric))
+    for one, other in zip(straight, read_images(list_images(folder)), strict=True):
+        np.testing.assert_array_equal(other, 65535 - one)
 
 
 def test_videos_are_checked(tmp_path):

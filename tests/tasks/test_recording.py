@@ -470,6 +470,40 @@ def coded_floats(made, folder):
     return ["--frames", frames, "--encoding", "rec709"], "found floats with encoding rec709"
 
 
+@pytest.mark.parametrize("unit", [10.0, 1e-3])
+def test_floats_have_no_unit(made, tmp_path, unit):
+    """Promise: white of float frames is the 99.9th percentile of the first one, as of footage, so
+    the unit of their light changes nothing."""
+    frames = made.write_frames(tmp_path / "frames")
+    table = frames / "frames.csv"
+    table.write_text(table.read_text().replace(".png", ".tiff"))
+    found = []
+    for times in (1.0, unit):
+        for file in frames.glob("*.png"):
+            light = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE).astype(np.float32)
+            cv2.imwrite(str(file.with_suffix(".tiff")), times * light)
+        of_unit = open_frames(frames)
+        footage = of_unit.footage()
+        first = next(iter(footage)) / footage.white_level
+        found.append((of_unit.white_level, of_unit.light(0), of_unit.light(3), first))
+    one, other = found
+    assert other[0] == pytest.approx(unit * one[0])
+    for light, expected in zip(other[1:], (one[1], one[2], one[1]), strict=True):
+        np.testing.assert_allclose(light, expected, rtol=1e-6)
+    assert np.percentile(one[1], 99.9) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_black_first_frame_of_floats_is_refused(made, tmp_path):
+    frames = made.write_frames(tmp_path / "frames")
+    table = frames / "frames.csv"
+    table.write_text(table.read_text().replace(".png", ".tiff"))
+    for file in frames.glob("*.png"):
+        light = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(file.with_suffix(".tiff")), np.zeros(light.shape, np.float32))
+    with pytest.raises(TaskError, match="found a black first frame, expected light, as white is"):
+        open_frames(frames)
+
+
 def needs_an_image(made, folder):
     return ["--method", "photometric_flow"], "needs the image at the start of each window"
 

@@ -307,6 +307,23 @@ def test_a_loop_has_its_pictures_and_times(eres, tmp_path, recording, kind):
     assert 0.5 < ground.mean() < 0.99
 
 
+def test_a_loop_has_colors_that_its_first_pictures_lack(eres, tmp_path):
+    """Promise: one palette has both colors of events, also if a polarity comes late."""
+    rng = np.random.default_rng(0)
+    t_us = np.sort(rng.integers(0, 1_000_000, 4000))
+    x, y = rng.integers(0, 64, 4000), rng.integers(0, 48, 4000)
+    write_events(tmp_path / "a.h5", make_events(t_us, x, y, t_us < 500_000, 64, 48))
+    out = tmp_path / "a.gif"
+    args = ("--fps", 10, "--slow", 1, "--window", 20, "--height", 48)
+    assert eres("view", tmp_path / "a.h5", "--out", out, *args)[0] == 0
+    with Image.open(out) as loop:
+        loop.seek(loop.n_frames - 1)
+        shown = np.asarray(loop.convert("RGB"))[:48, :64].reshape(-1, 3)
+    faintest = 0.65 * np.array(COLORS.darker) + 0.35 * np.array(COLORS.ground)
+    assert np.abs(shown - faintest).max(axis=1).min() <= 2
+    assert np.count_nonzero(np.ptp(shown, axis=1) > 60) > 20
+
+
 def test_a_video_of_any_length_plays_a_few_seconds(eres, tmp_path):
     """Promise: the default slow motion suits milliseconds and minutes."""
     for seconds in (0.02, 7.0):
