@@ -1,8 +1,12 @@
-"""Errors of the task package; `tasks.cli` prints them as one red line, with exit code 1."""
+"""Errors of the task package; `tasks.cli` prints them as one red line, with exit code 1 or 2."""
 
 
 class TaskError(ValueError):
     """Base class: a task, a method or a study cannot do what it is asked to do."""
+
+
+class UsageError(TaskError):
+    """A command lacks an argument; the exit code is 2."""
 
 
 class StudyError(TaskError):

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eres_render.errors import RenderError, check_positive
+from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
@@ -188,7 +188,7 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     Raises
     ------
     RenderError
-        If `step_s` is not positive.
+        If `step_s` is less than a microsecond.
 
     Examples
     --------
@@ -198,7 +198,8 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     >>> window_times(open_sequence("clips/clip_000"), 0.025)
     array([0.25 , 0.275, 0.3  ])
     """
-    check_positive("step_s", step_s, RenderError, "a positive number of seconds")
+    if not 1e-6 <= step_s < math.inf:
+        raise RenderError(f"step_s: found {step_s:g} s, expected at least 1e-06, a microsecond")
     start_s, end_s = sequence.window_s
     steps = max(1, math.ceil((end_s - start_s) / step_s - 1e-6))
     t_s = start_s + step_s * np.arange(steps + 1, dtype=np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 from importlib.metadata import version
 from types import ModuleType
@@ -29,7 +30,7 @@ from tasks.cli import (
     view,
 )
 from tasks.cli.app import commands
-from tasks.errors import TaskError
+from tasks.errors import TaskError, UsageError
 
 _COMMANDS = (
     *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
@@ -94,8 +95,13 @@ def main() -> None:
             "Renders HDR radiance, turns it into events at any resolution, and scores what can "
             "be done with them. `eres --version` prints the version.",
         )
+    except UsageError as error:
+        _fail(str(error), 2)
     except (RenderError, SensorError, EventError, TaskError) as error:
         _fail(str(error))
+    except BrokenPipeError:  # the reader has what it wants; Python would complain at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)  # as Rich does
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}")
     except MemoryError as error:
@@ -115,6 +121,6 @@ def _version() -> str:
     return f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}"
 
 
-def _fail(text: str) -> None:
+def _fail(text: str, code: int = 1) -> None:
     terminal.err.print(Text("error:", "red"), text, soft_wrap=True, highlight=False)
-    sys.exit(1)
+    sys.exit(code)

@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
-from tasks.errors import RigError
+from tasks.errors import UsageError
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
 _Recording = Annotated[
@@ -151,6 +151,8 @@ def intrinsics(
     from tasks.rig.intrinsics import Board
     from tasks.rig.intrinsics import intrinsics as calibrate
 
+    if not recordings:
+        raise UsageError("intrinsics: found no file, expected files of events, one for each view")
     check_new(out, overwrite, *recordings)
     with progress_bar(terminal.err) as on_progress:
         found = calibrate(
@@ -209,7 +211,7 @@ def detect(
     from tasks.rig.markers import write_detections
     from tasks.rig.recording import open_recording
 
-    check_new(out, overwrite)
+    check_new(out, overwrite, recording)
     with progress_bar(terminal.err) as on_progress:
         found = find(
             open_recording(recording),
@@ -270,8 +272,8 @@ def solve(
     from tasks.rig.recording import open_recording
 
     if not recordings:
-        raise RigError("solve: found no recording, expected at least one folder")
-    check_new(out, overwrite)
+        raise UsageError("solve: found no recording, expected at least one folder")
+    check_new(out, overwrite, *(folder / corners for folder in recordings))
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
     opened = [open_recording(folder) for folder in recordings]
     solved = [
@@ -392,6 +394,8 @@ def evaluate(
     from tasks.row import write_rows
     from tasks.study.run.recorded import write_recorded
 
+    if not crops:
+        raise UsageError("evaluate: found no folder, expected those of `eres rig crop`")
     file = out / "rows.parquet"
     check_new(file, overwrite)
     settings = RigEvaluation(

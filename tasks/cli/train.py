@@ -10,7 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
-from tasks.errors import TrainingError
+from tasks.errors import TrainingError, UsageError
 
 if TYPE_CHECKING:
     from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
@@ -86,7 +86,7 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
     from tasks.learned.training.card import card as describe
 
     if not runs:
-        raise TrainingError("card: found no folder, expected at least one finished training")
+        raise UsageError("card: found no folder, expected at least one finished training")
     if out is not None:
         check_new(out, overwrite)
     text = describe(runs)

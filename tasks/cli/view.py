@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
-from tasks.errors import TaskError
+from tasks.errors import TaskError, UsageError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.view.look import ALL_OF_IT, Look
 
@@ -62,7 +62,7 @@ def view(
             f"out, rerun: found {found}, expected one of them, such as --out events.mp4"
         )
     if not sources:
-        raise TaskError("found no sources, expected files of events or folders of rendered clips")
+        raise UsageError("found no sources, expected files of events or folders of rendered clips")
     with progress_bar(terminal.err) as on_progress:
         write_view(
             sources,

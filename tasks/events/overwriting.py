@@ -7,6 +7,9 @@ from pathlib import Path
 
 from tasks.errors import TaskError
 
+# Kinds of files that a folder of frames has; files of events may lie beside them.
+_OF_FRAMES = {".json", ".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".csv", ".txt"}
+
 
 def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     """Refuse to replace a file, a file that is read, or something other than a file.
@@ -20,7 +23,7 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     overwrite
         Whether it may be replaced.
     *sources
-        Files that are read while it is written.
+        Files that are read while it is written, or folders of images.
 
     Raises
     ------
@@ -28,7 +31,7 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
         It exists, and may not be replaced, or is one of the sources, a device or a pipe.
     """
     for source in sources:
-        if path.exists() and source.exists() and path.samefile(source):
+        if path.exists() and source.exists() and _is_read(path, source):
             raise TaskError(
                 f"{path}: is the input {source}, which cannot be replaced while it is read"
             )
@@ -37,3 +40,11 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
             raise TaskError(f"{path}: exists already; add --overwrite to replace it")
         if path.exists() and not path.is_file():
             raise TaskError(f"{path}: found a device or a pipe, expected a file or a new name")
+
+
+def _is_read(path: Path, source: Path) -> bool:
+    """Return whether a file is a source, or one of a folder of frames."""
+    if source.is_dir():
+        inside = source.resolve() in path.resolve().parents
+        return inside and path.suffix.lower() in _OF_FRAMES
+    return path.samefile(source)

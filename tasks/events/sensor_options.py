@@ -114,6 +114,13 @@ class PixelOptions:
             if getattr(self, name) is not None
         }
         model = replace(model, cutoff_reference=None, random_start=self.random_start, **given)
+        for name, given_value, of, field in (
+            ("shot-noise-exponent", self.shot_noise_exponent, self.shot_noise, "shot_noise_hz"),
+            ("hot-pixel-rate", self.hot_pixel_rate, self.hot_pixels, "hot_pixel_fraction"),
+        ):
+            if given_value is not None and of is None and not getattr(model, field):
+                needed = "--shot-noise" if field == "shot_noise_hz" else "--hot-pixels"
+                raise TaskError(f"{name}: found it without {needed}, expected both, or a profile")
         limited = model.cutoff_hz < float("inf")
         if self.cutoff_follows_light:
             if not limited:

@@ -68,7 +68,7 @@ class SimulationOptions:
     Raises
     ------
     TaskError
-        The speed is not positive, or the seed is negative or larger than 2^63 - 1.
+        The speed is not positive or 1e9 or more, or the seed is negative or larger than 2^63 - 1.
     """
 
     speed: float = 1.0
@@ -80,9 +80,14 @@ class SimulationOptions:
     def __post_init__(self) -> None:
         use_python_numbers(self)
         check_positive("speed", self.speed, TaskError, "a positive factor")
+        if self.speed >= FASTEST:
+            raise TaskError(f"speed: found {self.speed:g}, expected less than {FASTEST:g}")
         if not 0 <= self.seed < 1 << 63:
             raise TaskError(f"seed: found {self.seed}, expected an integer in 0..2^63 - 1")
 
+
+FASTEST = 1e9
+"""Factor by which scenes are slower."""
 
 AS_IN_THE_FRAMES = SimulationOptions()
 
@@ -186,7 +191,7 @@ def simulate_sequence(
         The file exists, or its format cannot store ground truth or an IMU.
     """
     out = Path(out)
-    check_new(out, options.overwrite)
+    check_new(out, options.overwrite, sequence.folder)
     speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)

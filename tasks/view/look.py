@@ -8,6 +8,7 @@ from typing import Literal
 
 from tasks.errors import TaskError
 
+_WINDOW_MS = 10.0
 _LATEST_S = 9e12  # int64 can hold it in microseconds
 _RANGES = {
     "window": (1e-3, 1e3 * _LATEST_S),
@@ -26,7 +27,7 @@ class Look:
     Parameters
     ----------
     window
-        Each picture shows the events of this many milliseconds up to its time.
+        Each picture shows the events of this many milliseconds up to its time; 10 by default.
     count
         Each picture shows this many events up to its time, instead of a window.
     slow
@@ -45,7 +46,7 @@ class Look:
         Height of the pictures, px; by default one that suits the sensor and the file.
     """
 
-    window: float = 10.0
+    window: float | None = None
     count: int | None = None
     slow: float | None = None
     fps: float | None = None
@@ -63,15 +64,22 @@ class Look:
         TaskError
             A value is out of range; the text names the option.
         """
+        if self.window is not None and self.count is not None:
+            raise TaskError("window, count: found both, expected one of them")
         for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise TaskError(f"{name}: found {value}, expected {least:g} to {most:g}")
 
     @property
+    def window_ms(self) -> float:
+        """Length of a window, ms, if its number of events is not given."""
+        return _WINDOW_MS if self.window is None else self.window
+
+    @property
     def length_us(self) -> int | None:
         """Length of a window, us; None if its number of events is given."""
-        return None if self.count is not None else round(1e3 * self.window)
+        return None if self.count is not None else round(1e3 * self.window_ms)
 
 
 ALL_OF_IT = Look()

@@ -13,6 +13,7 @@ from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
+from tasks.events.simulation import FASTEST
 from tasks.origin import shift_us
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
 from tasks.view.drawing import PALETTES
@@ -21,8 +22,6 @@ from tasks.view.look import Look
 from tasks.view.windows import span_of
 
 Show = Literal["frames", "depth", "flow"]
-
-_FASTEST = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +147,7 @@ def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header], speed: f
 def _speed(path: Path, header: Header) -> float:
     """Return the speed at which the events were simulated, 1 if the file does not say."""
     speed = header.origin.get("speed", 1.0)
-    if isinstance(speed, str) or not 0 < speed < _FASTEST:
+    if isinstance(speed, str) or not 0 < speed < FASTEST:
         raise TaskError(f"{path}: found {speed!r} as speed in its origin, expected a factor")
     return float(speed)
 

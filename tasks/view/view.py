@@ -117,7 +117,9 @@ def view(
                 "behind them: --over"
             )
         span_us = subject.start_us, subject.end_us
-        write_player(out, subject.event_sources, subject.counts, span_us, look.window, on_progress)
+        write_player(
+            out, subject.event_sources, subject.counts, span_us, look.window_ms, on_progress
+        )
         return
     times_us = _times(subject, look, kind)
     pictures = _pictures(subject, look, times_us, kind, on_progress)
@@ -181,7 +183,7 @@ def _pictures(
     layout = Layout(sizes, _SIZES[kind], PALETTES[look.palette], look.height)
     notes = []
     if subject.event_sources:
-        notes.append(f"{look.count} events" if look.count else f"{look.window:g} ms of events")
+        notes.append(f"{look.count} events" if look.count else f"{look.window_ms:g} ms of events")
     if kind != ".png":
         notes.append(_pace(_slow(subject, look, kind)))
     drawn = zip(*(source.panels(times_us) for source in subject.sources), strict=True)

@@ -205,6 +205,9 @@ def test_bright_dots_move_as_the_flow_says(tmp_path):
 def test_a_step_of_days_has_both_ends_of_the_window():
     """Promise: times run from the start to the end, however long the step."""
     sequence = SimpleNamespace(window_s=(0.25, 0.3))
+    for step_s in (1e-300, 9.9e-7, 0.0, float("nan"), float("inf")):
+        with pytest.raises(RenderError, match=r"step_s: found .* s, expected at least 1e-06"):
+            window_times(sequence, step_s)
     for step_s in (0.05, 1.0, 1e6):
         assert window_times(sequence, step_s).tolist() == [0.25, 0.3]
 

@@ -380,6 +380,23 @@ def test_convert_in_place_is_refused(eres, tmp_path, monkeypatch, how):
     assert source.read_bytes() == before
 
 
+def test_a_clip_is_not_replaced_by_its_events(eres, sequence, tmp_path):
+    clip = tmp_path / "clip"
+    shutil.copytree(sequence.folder, clip)
+    (manifest,) = clip.glob("*.json")
+    before = manifest.read_bytes()
+    args = ("--format", "npz", "--overwrite", "--resolution", 32)
+    code, _, err = eres("simulate", clip, "--out", manifest, *args)
+    assert (code, "is the input" in err) == (1, True)
+    assert manifest.read_bytes() == before
+
+
+def test_speeds_that_no_time_can_show_are_refused(eres, sequence, tmp_path):
+    args = ("--out", tmp_path / "a.h5", "--resolution", 32, "--speed", 1e9)
+    code, _, err = eres("simulate", sequence.folder, *args)
+    assert (code, "speed: found 1e+09, expected less than 1e+09" in err) == (1, True)
+
+
 def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
     """Promise: simulate and convert replace a file only with --overwrite."""
     source, out = tmp_path / "a.npz", tmp_path / "b.h5"

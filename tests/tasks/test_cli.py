@@ -2,11 +2,15 @@
 
 import errno
 import logging
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from another_process import environment
 from eres_render.rendering.backend import VariantVerdict
 from sensor import SensorError, SensorModel
 from tasks import provenance
@@ -33,6 +37,39 @@ def test_every_command_explains_itself(eres, command):
     assert len(out.splitlines()) > 3
     shown = " ".join(out.replace("│", " ").split())
     assert not re.findall(r"--[\w-]+ (?:[A-Z{]\S* )?\((?:default|required)", shown)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["rig", "solve", "--out", "c.json"],
+        ["rig", "evaluate", "--out", "run"],
+        ["rig", "intrinsics", "--out", "c.yaml", "--board", 5, 5, "--square", 0.02],
+        ["train", "card"],
+        ["view", "--out", "v.png"],
+        ["claims"],
+    ],
+    ids=lambda one: " ".join(map(str, one[:2])),
+)
+def test_a_missing_argument_is_wrong_usage(eres, tmp_path, monkeypatch, arguments):
+    """Promise: exit code 2, also where an argument may be given several times."""
+    monkeypatch.chdir(tmp_path)
+    code, out, err = eres(*arguments)
+    assert (code, out) == (2, "")
+    assert err
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_reader_that_closes_the_pipe_gets_no_error():
+    """Promise: `eres render --help | head -1` prints nothing on stderr."""
+    code = "import sys; from tasks.cli import main; sys.argv = ['eres', 'render', '--help']; main()"
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=writing, stderr=subprocess.PIPE, env=environment()
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, b"")
 
 
 def test_help_lists_the_commands_in_short(eres):

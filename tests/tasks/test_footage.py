@@ -365,6 +365,18 @@ def test_a_video_is_not_replaced_by_its_events(eres, tmp_path):
     assert video.read_bytes() == before
 
 
+def test_an_image_is_not_replaced_by_the_events_of_its_folder(eres, tmp_path):
+    """Promise: nor is one of the files of a folder that is read; others beside them are."""
+    folder = write_folder(tmp_path / "in", pictures(3), ".png")
+    before = (folder / "frame9.png").read_bytes()
+    args = ("--fps", 30, "--format", "npz", "--overwrite", "--resolution", 16)
+    code, _, err = eres("simulate", folder, "--out", folder / "frame9.png", *args)
+    assert (code, "is the input" in err) == (1, True)
+    assert (folder / "frame9.png").read_bytes() == before
+    for _ in range(2):
+        assert eres("simulate", folder, "--out", folder / "events.npz", *args)[0] == 0
+
+
 def test_videos_keep_their_own_times(tmp_path):
     """Promise: a video of variable rate has its own times; --fps replaces them."""
     planes = np.full((5, 3, 16, 16), 128, np.uint8)

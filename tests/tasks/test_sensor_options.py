@@ -61,6 +61,8 @@ def test_light_wins_over_the_cutoff_of_a_profile_and_noise_follows():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
+        ({"hot_pixel_rate": 5.0}, "hot-pixel-rate: found it without --hot-pixels, expected both"),
+        ({"shot_noise_exponent": 0.1}, "shot-noise-exponent: found it without --shot-noise"),
         ({"profile": "v2e-nosy"}, "did you mean 'v2e-noisy'"),
         ({"profile": "nowhere.toml"}, "nowhere.toml: no such profile"),
         ({"cutoff": 9.0, "illuminance": 9.0}, "found both cutoff and illuminance"),

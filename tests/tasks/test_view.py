@@ -493,6 +493,10 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
     ("args", "text"),
     [
         (["{events}"], "found neither, expected one of them"),
+        (
+            ["{events}", "--out", "{tmp}/o.png", "--window", "5", "--count", "100"],
+            "window, count: found both, expected one of them",
+        ),
         (["{events}", "--rerun", "--out", "{tmp}/o.mp4"], "found both"),
         (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
         (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
@@ -521,7 +525,6 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
             "to -1.000000 s, the time that is shown",
         ),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip, expected files of events"),
-        (["--out", "{tmp}/o.mp4"], "found no sources"),
         (
             ["{events}", "--show", "flow", "--out", "{tmp}/o.mp4"],
             "show: found flow, expected it only",
