@@ -116,8 +116,8 @@ def convert(
 ) -> None:
     """Write a file of events in another format.
 
-    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also csv
-    (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag); your own as
+    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also
+    csv (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag); your own as
     package.module:Format. A warning names what OUT cannot hold; ground truth is kept from DSEC to
     DSEC.
 

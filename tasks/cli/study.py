@@ -135,8 +135,8 @@ def report(run: RunFolder) -> None:
 def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     """Judge the paper's claims on a run's scores.
 
-    Several runs of one study, each with the weights of another training of the same networks
-    (--weights), are judged together: intervals are then over samples and trainings.
+    Several runs of one study, whose --weights are those of different trainings of the same
+    networks, are judged together: intervals are then over samples and trainings.
 
     Parameters
     ----------

@@ -23,14 +23,14 @@ class FootageOptions:
         Frames per second. Folders need it unless they have a timestamps.txt with one time per line.
         For a video it replaces its own times, such as 960 for slow motion that plays at 30.
     time_unit
-        Unit of timestamps.txt: s, ms, us or ns; needed unless the first line names it, as in
-        "# unit: us".
+        Unit of timestamps.txt: s, ms, us or ns; needed unless the first line names it, such as the
+        line "# unit: us".
     encoding
         Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
         rec709 for videos, linear for floats, else srgb.
     interpolate
-        Insert motion-compensated frames: the number of intervals that replace each interval (1 to
-        1000), or auto, for half a pixel of motion from frame to frame.
+        Insert motion-compensated frames: the number of intervals that replace each interval, from
+        one to 1000, or auto, for half a pixel of motion from frame to frame.
     """
 
     fps: float | None = None

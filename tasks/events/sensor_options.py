@@ -172,9 +172,9 @@ class BusOptions:
     Parameters
     ----------
     bus
-        Capacity of the bus, million events per second; or the name of a camera with such a bus
-        (`eres sensors` lists them); or unlimited, for events that leave at once. By default that of
-        the camera, or unlimited.
+        Capacity of the bus, million events per second; or the name of a camera with such a bus, as
+        in `eres sensors`; or unlimited, for events that leave at once. By default that of the
+        camera, or unlimited.
     fifo
         Number of events that can wait for the bus; an event that finds the queue full is dropped.
     row_overhead
