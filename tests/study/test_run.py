@@ -324,29 +324,30 @@ def took_s(jobs):
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("paper", 1.0, 1.2), ("ablations", 1.0, 1.35), ("slider", 1.0, 1.4), ("twins", 1.0, 1.2)],
+    [("paper", 1.0, 1.2), ("ablations", 1.0, 1.35), ("slider", 0.8, 1.0), ("twins", 1.0, 1.2)],
 )
 def test_the_cost_of_a_study_is_foretold(name, least, most):
     """Promise: as docs/study.md says how much longer than told the stored runs took. Kinds of jobs
     are off by about the same factor, so that the time left is right soon."""
     study = read_study(DOCS / "studies" / "twins.toml") if name == "twins" else preset(name)
-    if name == "slider":
-        study = replace(study, render=replace(study.render, samples=6))
     work = [job for scene in study.scenes for job in jobs_of(study, load_scene(scene))]
     jobs = read_timings(DOCS / "results" / name / "costs")
-    assert {one.cores for one in jobs} == {2}
+    assert {one.cores for one in jobs} == ({1, 2} if name == "slider" else {2})
     assert len(jobs) == len(work)
-    told_s = estimate_work(work, cores=2).seconds
     if name == "paper":  # the wall-clock time of earlier code on idle cores, docs/results.md
+        told_s = estimate_work(work, cores=2).seconds
         assert told_s == pytest.approx(3600 + 52 * 60 + 45, rel=0.25)
-    longer = took_s(jobs) / told_s
-    assert least < longer < most
+    told_s, found_s = {}, {}
     for kind in {(job.scene.name, *job.evaluate) for job in work}:
         told = [job for job in work if (job.scene.name, *job.evaluate) == kind]
         took = [one for one in jobs if {one.scene, *(m.task for m in one.methods)} == {*kind}]
         assert len(took) == len(told)
-        one_s = took_s(took) / estimate_work(told, cores=2).seconds
-        assert one_s == pytest.approx(longer, rel=0.35)
+        each_s = [estimate_work(told, cores=one.cores).seconds / len(told) for one in took]
+        told_s[kind], found_s[kind] = sum(each_s), took_s(took)
+    longer = sum(found_s.values()) / sum(told_s.values())
+    assert least < longer < most
+    for kind, seconds in found_s.items():
+        assert seconds / told_s[kind] == pytest.approx(longer, rel=0.4)
 
 
 def test_more_samples_keep_the_old_ones(finished, scene_folder):
