@@ -321,6 +321,8 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     from tasks.rig.crop import read_crop
     from tasks.rig.recording import open_recording
 
+    if not recordings:
+        raise UsageError("crop: found no recording, expected at least one folder")
     with progress_bar(terminal.err) as on_progress:
         folders = cut(
             [open_recording(folder) for folder in recordings],

@@ -43,6 +43,7 @@ def test_every_command_explains_itself(eres, command):
     "arguments",
     [
         ["rig", "solve", "--out", "c.json"],
+        ["rig", "crop", "--calibration", "c.json", "--out", "crops"],
         ["rig", "evaluate", "--out", "run"],
         ["rig", "intrinsics", "--out", "c.yaml", "--board", 5, 5, "--square", 0.02],
         ["train", "card"],

@@ -585,7 +585,7 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     assert "exists already" in capsys.readouterr().err
     nothing = {"solve": (), "crop": ("--calibration", calibration), "evaluate": ()}
     for name, options in nothing.items():
-        assert run(monkeypatch, "rig", name, "--out", tmp_path / "none", *options) == 1
+        assert run(monkeypatch, "rig", name, "--out", tmp_path / "none", *options) == 2
         assert "expected" in capsys.readouterr().err
         assert not (tmp_path / "none").exists()
     other = tmp_path / "other"
