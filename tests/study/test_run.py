@@ -480,10 +480,10 @@ def test_where_the_finished_jobs_were_computed_stays_known(
         run_study(tiny_study(scene_folder), run)
         return json.loads(file.read_text())
 
-    elsewhere = here | {"code": "git 0123; git 4567", "cores": "1"}
+    elsewhere = here | {"code": "git 0123; git 4567", "cores": "1000"}
     found = compute_one_again(json.dumps(elsewhere))
     code = f"git 0123; git 4567; {here['code']}"
-    assert found == here | {"code": code, "cores": f"1; {here['cores']}"}
+    assert found == here | {"code": code, "cores": f"1000; {here['cores']}"}
     assert compute_one_again(json.dumps(found)) == found
     assert not warnings_of_tasks(caplog)
     assert compute_one_again("{") == here
