@@ -432,12 +432,9 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     count = triggers = 0
     with path.open("rb") as file:
         raw = _of_version(_read_raw(file), codec)
-        file.seek(raw.length)
         offset = raw.length
         yield none
-        while data := file.read(size * _READ_WORDS):
-            words = np.frombuffer(data, f"<u{size}", len(data) // size)
-            words = words.astype(codec.word, copy=False)  # on a big-endian machine
+        for words in _blocks(file, offset, codec):
             if raw.trigger_count is not None:
                 triggers += _triggers_in(words, codec)
             while len(words):
@@ -453,10 +450,6 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                     word = f"{words[taken]:#0{2 + 2 * size}x}"
                     raise EventFormatError(f"byte {offset}, word {word}: {_reason(found, state)}")
                 words = words[taken:]
-            if len(data) % size:
-                raise EventFormatError(
-                    f"byte {offset}: the file ends within a word of {size} bytes"
-                )
     _check_count(raw.trigger_count, triggers, "triggers", offset)
     held = int(state[HELD])
     if held:
@@ -471,6 +464,18 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         _log.warning(
             "%s: skipped %d events before the first time and row of the stream", path, skipped
         )
+
+
+def _blocks(file: BinaryIO, offset: int, codec: Codec) -> Iterator[np.ndarray]:
+    """Yield the words from a byte on; refuse a part of a word at the end."""
+    size = np.dtype(codec.word).itemsize
+    file.seek(offset)
+    while data := file.read(size * _READ_WORDS):
+        words = np.frombuffer(data, f"<u{size}", len(data) // size)
+        yield words.astype(codec.word, copy=False)  # on a big-endian machine
+        offset += words.nbytes
+        if len(data) % size:
+            raise EventFormatError(f"byte {offset}: the file ends within a word of {size} bytes")
 
 
 def _triggers_in(words: np.ndarray, codec: Codec) -> int:
@@ -506,27 +511,19 @@ def read_triggers(path: Path, codec: Codec) -> Triggers:
         The header is damaged, times run backwards, the last word is truncated, or the number of
         triggers differs from that in the header.
     """
-    size = np.dtype(codec.word).itemsize
     state = _new_state()
     found = []
     count = 0
     with path.open("rb") as file:
         raw = _of_version(_read_raw(file), codec)
-        file.seek(raw.length)
         offset = raw.length
-        while data := file.read(size * _READ_WORDS):
-            words = np.frombuffer(data, f"<u{size}", len(data) // size)
-            words = words.astype(codec.word, copy=False)
+        for words in _blocks(file, offset, codec):
             room = _triggers_in(words, codec)
             columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int8)
             made = decode_triggers(words, codec.layout, state, *columns)
             found.append([column[:made] for column in columns])
             count += room
-            offset += size * len(words)
-            if len(data) % size:
-                raise EventFormatError(
-                    f"byte {offset}: the file ends within a word of {size} bytes"
-                )
+            offset += words.nbytes
     _check_count(raw.trigger_count, count, "triggers", offset)
     if not found:
         return NO_TRIGGERS

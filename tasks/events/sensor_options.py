@@ -114,13 +114,11 @@ class PixelOptions:
             if getattr(self, name) is not None
         }
         model = replace(model, cutoff_reference=None, random_start=self.random_start, **given)
-        for name, given_value, of, field in (
-            ("shot-noise-exponent", self.shot_noise_exponent, self.shot_noise, "shot_noise_hz"),
-            ("hot-pixel-rate", self.hot_pixel_rate, self.hot_pixels, "hot_pixel_fraction"),
-        ):
-            if given_value is not None and of is None and not getattr(model, field):
-                needed = "--shot-noise" if field == "shot_noise_hz" else "--hot-pixels"
-                raise TaskError(f"{name}: found it without {needed}, expected both, or a profile")
+        for name, of in _PARTS_OF_NOISE:
+            alone = getattr(self, name) is not None and getattr(self, of) is None
+            if alone and not getattr(model, _FIELDS[of]):
+                said, needed = (one.replace("_", "-") for one in (name, of))
+                raise TaskError(f"{said}: found it without --{needed}, expected both, or a profile")
         limited = model.cutoff_hz < float("inf")
         if self.cutoff_follows_light:
             if not limited:
@@ -160,6 +158,9 @@ _FIELDS = {
     "refractory": "refractory_s",
     "latency": "latency_s",
 }
+
+# Options that have no effect without another.
+_PARTS_OF_NOISE = (("shot_noise_exponent", "shot_noise"), ("hot_pixel_rate", "hot_pixels"))
 
 IDEAL_PIXEL = PixelOptions()
 NO_PROFILE = Profile("none", "ideal pixels", {})

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import check_positive
-from sensor.levels import white_level
 from tasks.errors import TaskError
 from tasks.footage import images, video
-from tasks.footage.luminance import Luminance
+from tasks.footage.luminance import Luminance, coding_of
 
 _log = logging.getLogger(__name__)
 
@@ -121,18 +120,10 @@ def open_footage(
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
     first = next(coded())
-    floats = first.dtype.kind == "f"
-    if encoding is None:
-        encoding = "linear" if floats else "srgb" if path.is_dir() else "rec709"
-    elif floats and encoding != "linear":
-        raise TaskError(f"{path}: found floats with encoding {encoding}, expected linear")
+    usual = "srgb" if path.is_dir() else "rec709"
+    encoding, white = coding_of(first, encoding, usual, path)
     luminance = Luminance(encoding)
     light = luminance(first)
-    white = white_level(light) if floats else 1.0
-    if white <= 0:
-        raise TaskError(
-            f"{path}: found a black first frame, expected light, as white is its 99.9th percentile"
-        )
     offset_us = t_ns[0] // 1000
     return Footage(
         path=path,

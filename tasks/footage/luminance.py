@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor.encoding import to_linear
+from sensor.levels import white_level
+from tasks.errors import TaskError
 
 _BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709-6, item 3.2
 
@@ -44,3 +48,40 @@ class Luminance:
         light = self._light[image.dtype.name][image] if image.dtype.kind == "u" else image
         linear: NDArray[np.float32] = light.astype(np.float32, copy=False)
         return linear if linear.ndim == 2 else linear @ _BT709
+
+
+def coding_of(
+    first: NDArray[np.generic], given: str | None, usual: str, path: Path
+) -> tuple[str, float]:
+    """Return the encoding of images like the first, and the light of white.
+
+    Parameters
+    ----------
+    first
+        The first image, as for `Luminance`.
+    given
+        Encoding that the user names, see `sensor.to_linear`; None for none.
+    usual
+        Encoding of integers without a name; that of floats is "linear".
+    path
+        The images, for errors.
+
+    Returns
+    -------
+    The encoding, and 1, or for floats the 99.9th percentile of the first image.
+
+    Raises
+    ------
+    TaskError
+        Floats have another encoding than "linear", or the first image of floats is black.
+    """
+    if first.dtype.kind != "f":
+        return given or usual, 1.0
+    if given not in (None, "linear"):
+        raise TaskError(f"{path}: found floats with encoding {given}, expected linear")
+    white = white_level(Luminance("linear")(first))
+    if white <= 0:
+        raise TaskError(
+            f"{path}: found a black first frame, expected light, as white is its 99.9th percentile"
+        )
+    return "linear", white

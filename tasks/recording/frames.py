@@ -21,13 +21,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.levels import white_level
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
 from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import has_transparency, list_images, read_images, times_ns
-from tasks.footage.luminance import Luminance
+from tasks.footage.luminance import Luminance, coding_of
 
 logger = logging.getLogger(__name__)
 
@@ -219,25 +218,11 @@ def _checked(
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
     times_us = np.array(start, np.int64), np.array(end, np.int64)
-    found = Frames(tuple(files), *times_us, *_encoding(files[0], encoding))
+    first = next(read_images([files[0]]))
+    found = Frames(tuple(files), *times_us, *coding_of(first, encoding, "srgb", files[0]))
     if has_transparency(files[0]):
         logger.warning("%s: transparency is left out: hidden pixels are seen", source)
     return found
-
-
-def _encoding(first: Path, given: str | None) -> tuple[str, float]:
-    """Return the encoding of images like the first, and their light of white."""
-    image = next(read_images([first]))
-    if image.dtype.kind != "f":
-        return given or "srgb", 1.0
-    if given not in (None, "linear"):
-        raise TaskError(f"{first}: found floats with encoding {given}, expected linear")
-    white = white_level(Luminance("linear")(image))
-    if white <= 0:
-        raise TaskError(
-            f"{first}: found a black first frame, expected light, as white is its 99.9th percentile"
-        )
-    return "linear", white
 
 
 def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:

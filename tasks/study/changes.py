@@ -51,7 +51,12 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
 
 def _place(scene: str) -> str:
     """Return the name of a packaged scene, or the one path by which a folder or file is known."""
-    return os.path.abspath(scene) if "/" in scene or scene.endswith(".xml") else scene
+    return os.path.abspath(scene) if is_path(scene) else scene
+
+
+def is_path(scene: str) -> bool:
+    """Return whether a scene is a folder with a "/" or a Mitsuba file, not a packaged name."""
+    return "/" in scene or scene.endswith(".xml")
 
 
 def with_resolution(study: Study, resolution: int) -> Study:

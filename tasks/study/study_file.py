@@ -12,7 +12,7 @@ from sensor.presets import find_sensor
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
 from tasks.registry import TASKS, load
-from tasks.study.changes import with_weights
+from tasks.study.changes import is_path, with_weights
 from tasks.study.sensors import read_sensor
 from tasks.study.settings import Simulate, Study
 
@@ -96,8 +96,7 @@ def _check_scenes(study: Study, file: Path) -> None:
 
 def _placed(scene: Any, file: Path) -> Any:
     """Return a scene's name, or its path if it is a folder with a "/" or a Mitsuba file."""
-    is_path = isinstance(scene, str) and ("/" in scene or scene.endswith(".xml"))
-    return str(file.parent / scene) if is_path else scene
+    return str(file.parent / scene) if isinstance(scene, str) and is_path(scene) else scene
 
 
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
