@@ -31,7 +31,8 @@ METHOD_VERSIONS = {
     "photometric_flow_by_descent": 2,
     "photometric_flow_unknown_contrast": 3,
     "photometric_flow_with_delay": 3,
-    "photometric_tracking_with_delay": 2,
+    "photometric_tracking": 2,
+    "photometric_tracking_with_delay": 3,
 }
 
 

@@ -2,7 +2,9 @@
 path."""
 
 import math
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion, Plane, Trajectory, path_through
 from sensor import Events, SensorModel, simulate
-from tasks.errors import TaskError
+from tasks.errors import MethodError, TaskError
+from tasks.evaluation.scorers.tracking import TrackingScorer
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Tracking
 from tasks.methods import initial_path, load_method
 from tasks.methods import photometric_tracking as eppt
 from tasks.methods.photometric_tracking import accumulation, search
@@ -19,6 +24,7 @@ from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import (
     TrackingEstimate,
+    TrackingSample,
     failure_of,
     path_at,
     perturbed,
@@ -185,9 +191,9 @@ def test_spline_derivatives_are_those_of_its_values():
                 assert table[row, 12 + control] == pytest.approx(moved, abs=1e-8)
 
 
-def sum_at(sample, path, huber_in_c):
+def sum_at(sample, path, huber_in_c, joined=1):
     """Return cost, gradient, Hessian and the number of events outside, for a path."""
-    problem, _ = problem_of(sample, 14_000)
+    problem = join_events(problem_of(sample, 14_000)[0], joined)
     (level,) = eppt.pyramid(sample.log_image, sample.camera.K, 0.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(accumulation, "HUBER_IN_C", huber_in_c)
@@ -268,7 +274,8 @@ def test_the_gain_of_a_blurred_view_is_that_of_a_regression():
 
 
 def test_looking_away_is_counted_and_does_not_pay(scene):
-    """Promise: events outside the reference view have no gradient, and cost rho(C)."""
+    """Promise: events outside the reference view have no gradient, and cost rho(p C), as in
+    a flat view, also where p is a sum of several polarities."""
     sample = sample_of(scene, 0.0, 0, max_events=2000)
     away = np.zeros((10, 6))
     away[:, 0] = 5.0
@@ -277,6 +284,12 @@ def test_looking_away_is_counted_and_does_not_pay(scene):
     assert total.outside == residuals
     assert total.cost == pytest.approx(residuals * 0.5 * C * (C - 0.25 * C))
     assert not total.gradient.any()
+    flat = replace(sample, log_image=np.zeros_like(sample.log_image))
+    for joined in (1, 2, 5):
+        outside = sum_at(sample, search.moved(sample.initial, away), 0.5, joined)
+        inside = sum_at(flat, sample.initial, 0.5, joined)
+        assert inside.outside < 0.05 * outside.outside
+        assert outside.cost == pytest.approx(inside.cost, rel=1e-12)
     below = np.zeros((10, 6))
     below[:, 2] = -2.0  # beyond the plane
     assert sum_at(sample, search.moved(sample.initial, below), 0.5).outside == residuals
@@ -322,6 +335,37 @@ def test_a_random_part_keeps_pixels_whole(scene):
     everywhere = np.bincount(events.y.astype(int) * WIDTH + events.x, minlength=WIDTH**2)
     kept = np.bincount(part.y.astype(int) * WIDTH + part.x, minlength=WIDTH**2)
     np.testing.assert_array_equal(kept[kept > 0], everywhere[kept > 0])
+
+
+def given(sample: TrackingSample) -> TrackingEstimate:
+    """Fail, and say how many events there were."""
+    raise LookupError(f"{len(sample.t_us)} events")
+
+
+def test_a_sample_has_all_its_events_where_not_every_pixel_has_one(scene):
+    """Promise: pixels are drawn for the events of the path and the delay, not of the path alone:
+    with 0.7 events at a pixel, a sample has as many as it may."""
+    _, log_image, pose = scene
+    task = Tracking(methods=(f"{__name__}:given",), max_events=1000, max_delay_us=10_000)
+    rng = np.random.default_rng(0)
+    y, x = np.nonzero(rng.random((WIDTH, WIDTH)) < 0.7)
+    t_us = np.sort(rng.integers(START_US, START_US + 24_000, x.size))
+    model = SensorModel(width=WIDTH, height=WIDTH, contrast_threshold=C)
+    place, on = (x.astype(np.uint16), y.astype(np.uint16)), np.ones(x.size, np.int8)
+    events = Events(t_us, *place, on, WIDTH, WIDTH, model)
+    sequence = SimpleNamespace(
+        window_s=(0.002, 0.03), t_s=np.array([0.0, 0.04]), manifest=SimpleNamespace(clip=0)
+    )
+    truth = SimpleNamespace(trajectory=SimpleNamespace(pose=pose), plane=FLOOR)
+    reference = SimpleNamespace(
+        sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_images={WIDTH: log_image}
+    )
+    scorer = TrackingScorer(reference, Setting(model, 1.0, START_US, START_US + 28_000), task)
+    scorer.push(events)
+    with pytest.raises(MethodError, match="raised LookupError") as raised:
+        list(scorer.scores())
+    most = round(1000 * 24 / 14)
+    assert most - 1 <= int(re.search(r": (\d+) events", str(raised.value))[1]) <= most
 
 
 def test_joined_events_add_up(scene):

@@ -29,7 +29,7 @@ from tasks.tracking import (
 )
 from tasks.variants import sigma_variant
 
-_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels for each of `max_events`
+_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels for each event of a sample
 
 
 class TrackingScorer:
@@ -46,7 +46,7 @@ class TrackingScorer:
         _check_frames(reference, setting, task, duration_us)
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
         seed = task.seed, reference.sequence.manifest.clip
-        count = _PIXELS_PER_EVENT * task.max_events
+        count = _PIXELS_PER_EVENT * self._max_events
         self._kept = _random_pixels(seed, model.height, model.width, count)
         self._parts: list[Events] = []
 

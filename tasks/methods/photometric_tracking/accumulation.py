@@ -89,8 +89,8 @@ def normal_equations(events, geometry, spline, level, loss):
     """Sum up the robust cost of Eq. (15) and its derivatives in the control poses.
 
     The cost is sum rho(r_k). An event that sees a point outside the reference view has no
-    derivatives, and costs rho(C), as in a flat reference view, so that the search gains nothing by
-    looking away. Joined events cost the same there, less than the rho(p C) of a flat view.
+    derivatives, and costs rho(p C), as in a flat reference view, so that the search gains nothing
+    by looking away.
 
     Parameters
     ----------
@@ -122,7 +122,6 @@ def normal_equations(events, geometry, spline, level, loss):
     J = np.zeros(6 * controls)
     J_1, J_0 = np.zeros(24), np.zeros(24)
     cost, outside = 0.0, 0
-    flat = 0.5 * C * C if huber >= C else huber * (C - 0.5 * huber)
     inside_1, L_1, s_1 = False, 0.0, 0
     for k in range(x.size):
         # The previous event at this pixel is the one before in the arrays.
@@ -181,11 +180,8 @@ def normal_equations(events, geometry, spline, level, loss):
 
         if t_before_us[k] < 0:
             continue
-        if not (inside_0 and inside_1):
-            outside += 1
-            cost += flat
-            continue
-        r = L_1 - L_0 - p[k] * C  # Eq. (14) times p_k
+        inside = inside_0 and inside_1
+        r = (L_1 - L_0 if inside else 0.0) - p[k] * C  # Eq. (14) times p_k
         size = abs(r)
         if size <= huber:
             weight = 1.0
@@ -193,6 +189,9 @@ def normal_equations(events, geometry, spline, level, loss):
         else:
             weight = huber / size
             cost += huber * (size - 0.5 * huber)
+        if not inside:
+            outside += 1
+            continue
         # Only the control poses of the segments from the earlier event's to this one's matter.
         first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
         J[:count] = 0.0
