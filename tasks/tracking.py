@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -230,12 +231,11 @@ def tracking_sample(
         raise TaskError(f"tracking: found max_delay_us = {max_delay_us}, expected 0 or more")
     duration_us = round(initial.duration_s * 1e6) + max_delay_us
     window = events.between(start_us, start_us + duration_us)
+    if max_events is not None:
+        rank = random_ranks(seed, *size)[window.y, window.x]
+        window = window.where(rank < most_pixels(rank, max_events))
     pixel = window.y.astype(np.int32) * events.width + window.x
-    if max_events is not None and len(window) > max_events:
-        kept = _random_pixels(pixel, events.height * events.width, max_events, seed)[pixel]
-    else:
-        kept = np.ones(len(window), bool)
-    order = np.flatnonzero(kept)[np.argsort(pixel[kept], kind="stable")]
+    order = np.argsort(pixel, kind="stable")
     t_us = (window.t_us[order] - start_us).astype(np.int32)
     t_before_us = np.full_like(t_us, -1)
     same = pixel[order[1:]] == pixel[order[:-1]]
@@ -257,15 +257,30 @@ def tracking_sample(
     )
 
 
-def _random_pixels(
-    pixel: NDArray[np.int32], pixels: int, max_events: int, seed: int
-) -> NDArray[np.bool_]:
-    """Choose random pixels with at most max_events events in all."""
-    counts = np.bincount(pixel, minlength=pixels)
-    order = np.random.default_rng(seed).permutation(np.flatnonzero(counts))
-    kept = np.zeros(pixels, bool)
-    kept[order[np.cumsum(counts[order]) <= max_events]] = True
-    return kept
+@lru_cache(maxsize=8)
+def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
+    """Return the rank of each pixel in a random order, (height, width), not to be changed."""
+    ranks = np.random.default_rng(seed).permutation(height * width).astype(np.int32)
+    ranks.flags.writeable = False
+    return ranks.reshape(height, width)
+
+
+def most_pixels(rank: NDArray[np.int32], max_events: int) -> int:
+    """Return how many pixels in the order of their ranks have at most max_events events in all.
+
+    Parameters
+    ----------
+    rank
+        Rank of the pixel of each event.
+    max_events
+        Number of events.
+
+    Returns
+    -------
+    int
+        The number of pixels; more events never raise it.
+    """
+    return int(np.searchsorted(np.cumsum(np.bincount(rank)), max_events, side="right"))
 
 
 def position_error_mm(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +21,16 @@ from tasks.methods import load_method
 from tasks.tracking import (
     KNOT_INTERVAL_S,
     failure_of,
+    most_pixels,
     path_at,
     perturbed,
     position_error_mm,
+    random_ranks,
     tracking_sample,
 )
 from tasks.variants import sigma_variant
 
-_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels for each event of a sample
+_EVENTS_KEPT = 4  # how many times the events of a sample to keep at most
 
 
 class TrackingScorer:
@@ -45,9 +46,10 @@ class TrackingScorer:
         self._end_us = setting.start_us + duration_us + task.max_delay_us
         _check_frames(reference, setting, task, duration_us)
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
-        seed = task.seed, reference.sequence.manifest.clip
-        count = _PIXELS_PER_EVENT * self._max_events
-        self._kept = _random_pixels(seed, model.height, model.width, count)
+        seed = np.random.SeedSequence([task.seed, reference.sequence.manifest.clip])
+        self._seed = int(seed.generate_state(1)[0])
+        self._ranks = random_ranks(self._seed, model.height, model.width)
+        self._pixels = self._ranks.size  # of the lowest ranks; the sample has no others
         self._parts: list[Events] = []
 
     def _pose(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,21 +60,27 @@ class TrackingScorer:
         return farther(poses, truth.plane, self._setting.distance)
 
     def push(self, events: Events) -> None:
-        """Keep the path's events at the chosen pixels."""
+        """Keep the path's events at the pixels that the sample may have."""
         early = events.between(self._setting.start_us, self._end_us)
         if len(early) or not self._parts:
-            self._parts.append(early.where(self._kept[early.y, early.x]))
+            self._parts.append(early.where(self._rank(early) < self._pixels))
+        if sum(map(len, self._parts)) > _EVENTS_KEPT * self._max_events:
+            kept = concatenate(self._parts)
+            rank = self._rank(kept)
+            self._pixels = most_pixels(rank, self._max_events)
+            self._parts = [kept.where(rank < self._pixels)]
+
+    def _rank(self, events: Events) -> NDArray[np.int32]:
+        return self._ranks[events.y, events.x]
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method and size of the initial error."""
-        task, clip = self._task, self._reference.sequence.manifest.clip
-        model = self._setting.model
+        task, model = self._task, self._setting.model
         camera = self._reference.camera(model.width, model.height)
         if self._setting.distance != 1.0:
             camera = camera.zoomed(self._setting.distance)
         events = concatenate(self._parts)
         self._parts = []
-        seed = int(np.random.SeedSequence([task.seed, clip]).generate_state(1)[0])
         for sigma_mm in task.sigmas_mm:
             sample = tracking_sample(
                 events,
@@ -82,11 +90,11 @@ class TrackingScorer:
                 camera=camera,
                 plane=self._reference.truth.plane,
                 T_0=self._pose(np.zeros(1))[0],
-                initial=perturbed(self._truth, 1e-3 * sigma_mm, seed),
+                initial=perturbed(self._truth, 1e-3 * sigma_mm, self._seed),
                 initial_sigma_m=1e-3 * sigma_mm,
                 max_events=self._max_events,
                 max_delay_us=task.max_delay_us,
-                seed=seed,
+                seed=self._seed,
             )
             initial_mm = self._error_mm(sample.initial)
             for name in task.methods:
@@ -105,15 +113,6 @@ class TrackingScorer:
 
     def _error_mm(self, path: Trajectory) -> float:
         return position_error_mm(path, self._pose, 0.0, self._truth.duration_s)
-
-
-@lru_cache(maxsize=8)
-def _random_pixels(seed: tuple[int, int], height: int, width: int, count: int) -> NDArray[np.bool_]:
-    """Return a mask of random pixels, the same array for all settings of a width."""
-    kept = np.zeros((height, width), bool)
-    kept.ravel()[np.random.default_rng(seed).permutation(kept.size)[:count]] = True
-    kept.flags.writeable = False
-    return kept
 
 
 def _check_start(start_s: float, speed: float) -> None:
