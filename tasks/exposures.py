@@ -59,7 +59,7 @@ def read_exposures(folder: Path) -> list[Exposure]:
         it starts, or an image has no name.
     """
     path = folder / FILE_NAME
-    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         table = csv.reader(file)
         names = [name.strip() for name in next(table, [])]
         if missing := [name for name in COLUMNS if name not in names]:

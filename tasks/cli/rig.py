@@ -40,10 +40,19 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
         Replace existing files.
     """
     from tasks.events.overwriting import check_new
-    from tasks.rig.page import FILE_NAME, IMAGE_NAME, draw, lay_out, write_page, write_print
+    from tasks.rig.page import (
+        FILE_NAME,
+        IMAGE_NAME,
+        check_print,
+        draw,
+        lay_out,
+        write_page,
+        write_print,
+    )
     from tasks.rig.settings import read_rig
 
     settings = read_rig(rig).page
+    check_print(out)
     files = {out, out.with_name(FILE_NAME), out.with_name(IMAGE_NAME)}
     for file in files:
         check_new(file, overwrite)

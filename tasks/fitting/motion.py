@@ -174,7 +174,7 @@ class _Fit:
         ]
         self._x: Float64 = min(searches, key=lambda search: search.cost).x
         self._rest = self._left(self._x)
-        _, self._tile = np.unique(levels.tile, return_inverse=True)
+        self._unit = levels.unit
 
     def _left(self, x: Float64) -> Float64:
         """Return the (N,) residuals of the light at the events, in thresholds."""
@@ -207,7 +207,7 @@ class _Fit:
         """(tiles,) Huber's loss."""
         r = np.abs(self._rest)
         loss = np.where(r <= self._scale, 0.5 * r * r, self._scale * (r - 0.5 * self._scale))
-        return np.bincount(self._tile, loss).astype(np.float64)
+        return np.bincount(self._unit, loss).astype(np.float64)
 
     def answer(self, step: Float64 | None = None) -> Float64:
         """Return delay, time constant and latency, seconds, at the fit or a step from it."""
@@ -223,8 +223,8 @@ class _Fit:
         upper = np.triu_indices(4)
         columns = [weight * J[:, i] * J[:, j] for i, j in zip(*upper, strict=True)]
         columns += [weight * J[:, i] * self._rest for i in range(4)]
-        of_tiles = [np.bincount(self._tile, one) for one in columns]
-        sums = np.stack(of_tiles, axis=1).astype(np.float64)
+        of_units = [np.bincount(self._unit, one) for one in columns]
+        sums = np.stack(of_units, axis=1).astype(np.float64)
 
         def answer(total: Float64) -> Float64:
             H = np.zeros((4, 4))

@@ -12,7 +12,7 @@ from scipy import optimize
 from sensor import Events
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
-from tasks.numerics.estimate import Estimate, tiles_of
+from tasks.numerics.estimate import Estimate, tiles_of, units
 
 _LEAST_STEPS = 2
 _LEAST_EVENTS = 3.0  # mean number of events of a pixel after a step
@@ -21,7 +21,6 @@ _POINTS = 120  # of the curve
 _LEAST_POINTS = 5  # one more than parameters
 _FROM = 1.0  # events of a pixel, as the first one depends on its memory
 _DRAWS = 100
-_LEAST_TILES = 8  # of fewer, too few draws differ: pixels are drawn
 _TAIL = 0.995
 # B for one pole: (1 + C_off / C_on) / 2 for a pixel whose light fell before, and its range for
 # C_off / C_on from 1/2 to 3/2. For two poles, B is fitted.
@@ -136,10 +135,7 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
             f"expected at least {_LEAST_EVENTS:g}: a larger step of the light, or other times"
         )
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
-    _, tile = np.unique(tile, return_inverse=True)
-    if tile.max() + 1 < _LEAST_TILES:
-        tile = np.arange(len(answering))
-    return _Answers(since_us, step, place, tile, len(rises_us))
+    return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
 
 
 def _after_steps(

@@ -11,6 +11,7 @@ from scipy import stats
 
 TILE_PX = 8  # side of a tile; pixels of a tile see the same things, so whole tiles are resampled
 _DRAWS = 400
+_LEAST_TILES = 8  # of fewer, too few draws differ
 _LOW_HIGH = (2.5, 97.5)  # percent
 
 
@@ -97,6 +98,22 @@ def tiles_of(y: NDArray[np.integer], x: NDArray[np.integer], width: int) -> NDAr
     """
     across = -(-width // TILE_PX)
     return y.astype(np.int64) // TILE_PX * across + x.astype(np.int64) // TILE_PX
+
+
+def units(tile: NDArray[np.int64], pixel: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return what a bootstrap draws: tiles, or pixels if the data are of fewer than eight tiles.
+
+    Parameters
+    ----------
+    tile, pixel
+        (N,) tile and pixel of each datum, as any integers.
+
+    Returns
+    -------
+    (N,) numbers from 0 up
+    """
+    tiles, unit = np.unique(tile, return_inverse=True)
+    return unit if len(tiles) >= _LEAST_TILES else np.unique(pixel, return_inverse=True)[1]
 
 
 def bootstrap(

@@ -22,7 +22,7 @@ from tasks.errors import TaskError
 from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
-from tasks.numerics.estimate import tiles_of
+from tasks.numerics.estimate import tiles_of, units
 from tasks.recording.frames import Frames
 
 Float64 = NDArray[np.float64]
@@ -121,8 +121,8 @@ class Levels:
         (N,) numbers of ON and OFF events of the pixel until then, including this one.
     block
         (N,) index of the group of successive events of a pixel.
-    tile
-        (N,) index of the pixel's tile.
+    unit
+        (N,) number of the pixel's tile, or of the pixel, which a bootstrap draws.
     """
 
     light_us: Float64
@@ -133,7 +133,7 @@ class Levels:
     on: Float64
     off: Float64
     block: Int64
-    tile: Int64
+    unit: Int64
 
     def __len__(self) -> int:
         return len(self.t_us)
@@ -277,5 +277,5 @@ def levels_of(
         on=np.cumsum(p > 0)[used_events].astype(np.float64),
         off=np.cumsum(p < 0)[used_events].astype(np.float64),
         block=np.unique(group[used_events], return_inverse=True)[1],
-        tile=tile[used][pixel[used_events]],
+        unit=units(tile[used][pixel[used_events]], pixel[used_events]),
     )

@@ -176,10 +176,8 @@ def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: 
         left = np.abs(y - C_on * a - C_off * b)
         scale = max(1.4826 * float(np.median(left)), 1e-12)
         weight = np.minimum(1.0, _HUBER * scale / np.maximum(left, 1e-12))
-    _, place = np.unique(levels.tile, return_inverse=True)
-    sums = np.stack([np.bincount(place, one) for one in weight * products], axis=1).astype(
-        np.float64
-    )
+    each = [np.bincount(levels.unit, one) for one in weight * products]
+    sums = np.stack(each, axis=1).astype(np.float64)
     total = sums.sum(axis=0)
     C_on, C_off = _solved(total)
     unexplained = 1 - float(C_on * total[3] + C_off * total[4]) / max(float(total[5]), 1e-300)
@@ -235,6 +233,8 @@ def fit_thresholds(
         because all light rises.
     """
     found = fit_line(levels, delay_us, pole_s, poles)
+    if not np.isfinite(found.on):
+        raise misfit()
     both = bootstrap(found.sums, _solved)
     if not all(one.low > 0 for one in both):
         raise misfit()

@@ -257,7 +257,8 @@ def crop(
     ------
     RigError
         If there is no recording, one has no solution, the pages differ, two recordings have the
-        same name, there is no common field, or a crop would be written into a recording.
+        same name, there is no common field, a crop would be written into a recording, or the folder
+        has crops of others.
     """
     if not recordings:
         raise RigError("crop: found no recording, expected at least one folder")
@@ -276,6 +277,14 @@ def crop(
         if (folder / rig_files.FILE_NAME).exists():
             raise RigError(f"{folder}: found a recording, expected another --out for its crop")
         check_new(folder / FILE_NAME, overwrite)
+    for file in out.glob(f"*/{FILE_NAME}"):
+        if file.parent not in folders:
+            raise RigError(
+                f"{file.parent}: found the crop of another recording, expected a folder for "
+                f"{', '.join(one.name for one in folders)} alone: its crops show one field"
+            )
+    for folder in folders:  # the field may be another one
+        (folder / FILE_NAME).unlink(missing_ok=True)
     for k, recording in enumerate(recordings):
         solution, box, folder = solved[k], boxes[k], folders[k]
         camera = recording.camera.cropped(box.left, box.top, box.width, box.height)
@@ -300,7 +309,6 @@ def crop(
 def _write(folder: Path, recording: Recording, cropped: Cropped) -> None:
     """Write a crop; a folder without its last file, crop.json, is none."""
     make_folder(folder)
-    (folder / FILE_NAME).unlink(missing_ok=True)
     page = recording.page
     codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)
     page_files.write_page(folder / page_files.FILE_NAME, page)

@@ -24,6 +24,7 @@ from sensor.formats import read_events, read_header
 from sensor.levels import DARK_FRACTION
 from tasks.errors import RigError
 from tasks.evaluation.answers import ask, ask_each, flow_answer, image_answer, path_answer
+from tasks.evaluation.settings import Tracking
 from tasks.flow import (
     INITIAL_SIGMA_PX,
     MARGIN_PX,
@@ -173,6 +174,7 @@ def evaluate_rig(
     if not folders:
         raise RigError("crops: found no folder, expected those of `eres rig crop`")
     crops = [one for folder in folders for one in crops_in(folder)]
+    nearest = _nearest([read_crop(one) for one in crops])
     found: list[list[Row]] = []
     for k, one in enumerate(crops):
         crop = _load(one, settings)
@@ -182,7 +184,7 @@ def evaluate_rig(
             raise RigError(f"{one}: {error}") from None
         rows: list[Row] = []
         for n, window in enumerate(windows):
-            rows += _flow_rows(crop, window, settings)
+            rows += _flow_rows(crop, nearest[crop.cropped.scene], window, settings)
             rows += _tracking_rows(crop, window, settings)
             on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
         rows += _video_rows(crop, windows, settings)
@@ -262,12 +264,14 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
 
 
 def _half_us(slider: Slider, t_us: int, travel_m: float) -> int:
-    """Return half the time of a travel around a time, microseconds; 0 at rest."""
+    """Return half the time of a travel around a time, us; 0 at rest or outside the readings."""
     speed = abs(float(slider.speed_mps(t_us)))
     if speed == 0:  # at the end of a stroke
         return 0
     half_us = 0.5e6 * travel_m / speed
     for _ in range(_ROUNDS):
+        if t_us - half_us < slider.t_us[0] or t_us + half_us > slider.t_us[-1]:
+            return 0
         start_m, end_m = slider.position_m([t_us - half_us, t_us + half_us]).tolist()
         if start_m == end_m:  # there and back
             return 0
@@ -325,25 +329,45 @@ def _row(
     )
 
 
-def _features(crop: _Crop, window: _Window, count: int) -> tuple[Float64, Float64]:
-    """Return corners of the picture that stay in the crop, (N, 2) px, and their displacements."""
-    camera, pose = crop.camera, crop.pose
+def _nearest(crops: Sequence[Cropped]) -> dict[str, Cropped]:
+    """Return the crop of each picture that resolves it best."""
+    found: dict[str, Cropped] = {}
+    for one in crops:
+        best = found.setdefault(one.scene, one)
+        if one.width > best.width:  # of the field that all of them show
+            found[one.scene] = one
+    return found
+
+
+def _features(
+    crop: _Crop, nearest: Cropped, window: _Window, count: int
+) -> tuple[Float64, Float64]:
+    """Return corners of the picture that stay in the crop, (N, 2) px, and their displacements.
+
+    They are corners of the nearest view, so that every distance has the same ones.
+    """
+    camera, pose = nearest.camera(), nearest.pose.pose()
     view = page_view(camera, pose, window.x_m[0], crop.page, crop.light)
-    centers_px = corners(view, MARGIN_PX * camera.width / REFERENCE_WIDTH_PX)
-    points_m = on_page(pose, camera, centers_px, window.x_m[0])
+    found_px = corners(view, MARGIN_PX * camera.width / REFERENCE_WIDTH_PX)
+    points_m = on_page(pose, camera, found_px, window.x_m[0])
+    camera, pose = crop.camera, crop.pose
+    centers_px = pose.project(camera, points_m, window.x_m[0])
     moved_px = pose.project(camera, points_m, window.x_m[1])
     left, top, right, bottom = crop.page.picture_m
     x, y = points_m.T
     kept = (x > left) & (x < right) & (y > top) & (y < bottom)
-    kept &= np.all((moved_px > 0) & (moved_px < (camera.width, camera.height)), axis=1)
+    for at_px in (centers_px, moved_px):
+        kept &= np.all((at_px > 0) & (at_px < (camera.width, camera.height)), axis=1)
     return centers_px[kept][:count], (moved_px - centers_px)[kept][:count]
 
 
-def _flow_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterator[Row]:
+def _flow_rows(
+    crop: _Crop, nearest: Cropped, window: _Window, settings: RigEvaluation
+) -> Iterator[Row]:
     if not settings.flow:
         return
     width = crop.camera.width
-    centers_px, flow_px = _features(crop, window, settings.features)
+    centers_px, flow_px = _features(crop, nearest, window, settings.features)
     sigma_px = initial_sigma_px(width, settings.initial_sigma_px)
     rng = np.random.default_rng([settings.seed, window.number])
     initial_px = flow_px + sigma_px * rng.standard_normal((settings.features, 2))[: len(flow_px)]
@@ -384,8 +408,9 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         return crop.pose.at(crop.slider.position_m(window.start_us + 1e6 * t_s))
 
     margin_us = 20_000  # a path lasts 14 ms, and has a control pose before it and one after it
-    slider_us = crop.slider.t_us
-    if window.start_us - margin_us < slider_us[0] or window.start_us + margin_us > slider_us[-1]:
+    slider_us, delay_us = crop.slider.t_us, Tracking(methods=settings.tracking).delay_us
+    needed_us = margin_us + delay_us
+    if window.start_us - margin_us < slider_us[0] or window.start_us + needed_us > slider_us[-1]:
         return
     truth = path_at(pose, 0.0)
     sigma_m = 1e-3 * settings.initial_sigma_mm
@@ -400,6 +425,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         initial=perturbed(truth, sigma_m, [settings.seed, window.number]),
         initial_sigma_m=sigma_m,
         max_events=200_000,
+        max_delay_us=delay_us,
     )
     initial_mm = position_error_mm(sample.initial, pose, 0.0, truth.duration_s)
     for name in settings.tracking:

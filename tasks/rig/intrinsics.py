@@ -8,6 +8,7 @@ OpenCV's `calibrateCamera`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,8 @@ _CUTOFF_HZ = 0.5
 _IMAGES = 9  # of the filter in each recording
 _ENLARGED = 4
 _LEAST_VIEWS = 3
+_MOST_SIGMA = 0.05  # of the focal length
+_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +161,7 @@ def calibrate(
     Raises
     ------
     RigError
-        If there are fewer than three views, or no camera fits them.
+        If there are fewer than three views, or they do not determine a camera.
     """
     if len(views_px) < _LEAST_VIEWS:
         raise RigError(
@@ -169,7 +172,7 @@ def calibrate(
     # OpenCV puts (0, 0) at the center of the first pixel.
     pixels = [(view - 0.5).astype(np.float32) for view in views_px]
     try:
-        rms_px, K, lens, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
+        rms_px, K, lens, turns, places = cv2.calibrateCamera(
             points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
         )
     except cv2.error as error:
@@ -177,6 +180,17 @@ def calibrate(
     k1, k2, p1, p2 = lens.ravel()[:4].tolist()
     if not (np.all(np.isfinite(K)) and np.isfinite(rms_px)):
         raise RigError("intrinsics: the views give no camera; tilt the board more")
+    derivatives = [
+        np.asarray(cv2.projectPoints(one.astype(np.float64), turn, place, K, lens)[1], np.float64)
+        for one, turn, place in zip(points, turns, places, strict=True)
+    ]
+    sigmas = _sigmas(derivatives, rms_px)
+    if not sigmas[0] < _MOST_SIGMA * K[0, 0]:
+        raise RigError(
+            f"intrinsics: found a focal length of {K[0, 0]:.4g} px with a standard deviation of "
+            f"{sigmas[0]:.2g} px, expected at most {100 * _MOST_SIGMA:g} %; tilt the board more, "
+            "and differently in each view"
+        )
     camera = Camera(
         width,
         height,
@@ -186,8 +200,37 @@ def calibrate(
         cy=float(K[1, 2]) + 0.5,
         distortion=Distortion(k1=k1, k2=k2, p1=p1, p2=p2),
     )
-    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
-    return camera, dict(zip(names, sigmas.ravel()[:8].tolist(), strict=True)), float(rms_px)
+    return camera, dict(zip(_NAMES, sigmas.tolist(), strict=True)), float(rms_px)
+
+
+def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
+    """Return the standard deviations of `_NAMES`; inf if the views do not determine them.
+
+    OpenCV's own come from a truncated inverse, and are smallest where the views determine least.
+
+    Parameters
+    ----------
+    derivatives
+        (2 N, 15) for each view, as `cv2.projectPoints` returns them: by turn, place, camera, lens.
+    rms_px
+        Root mean square distance of the corners.
+    """
+    intrinsic = len(_NAMES)
+    rows = [np.zeros((len(one), intrinsic + 6 * len(derivatives))) for one in derivatives]
+    for k, one in enumerate(derivatives):
+        rows[k][:, :intrinsic] = one[:, 6 : 6 + intrinsic]
+        rows[k][:, intrinsic + 6 * k : intrinsic + 6 * k + 6] = one[:, :6]
+    jacobian = np.concatenate(rows)
+    length = np.linalg.norm(jacobian, axis=0)
+    if not np.all(length > 0):
+        return np.full(intrinsic, np.inf)
+    _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
+    if not singular[-1] > 1e-12 * singular[0]:
+        return np.full(intrinsic, np.inf)
+    count, unknowns = jacobian.shape
+    variance = rms_px**2 * (count / 2) / max(count - unknowns, 1)
+    found: Float64 = np.linalg.norm(directions / singular[:, None], axis=0) / length
+    return math.sqrt(variance) * found[:intrinsic]
 
 
 def intrinsics(

@@ -18,7 +18,7 @@ from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.settings_reader import read_json
 from sensor.encoding import from_srgb, to_srgb
 from tasks.errors import RigError
-from tasks.rig.settings import PageSettings
+from tasks.rig.settings import INCH_M, PageSettings
 
 Float64 = NDArray[np.float64]
 
@@ -36,7 +36,6 @@ PICTURES = {
 
 _BORDER_CELLS = 1  # black cells around a marker's code
 _WHITE = 0.25  # smallest white margin around a marker, as a fraction of its side
-_INCH_M = 0.0254
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +115,7 @@ def lay_out(settings: PageSettings) -> Page:
         If there is room for no marker, or for more markers than the dictionary has.
     """
     dictionary = markers(settings.dictionary)
-    dot_m = _INCH_M / settings.dpi
+    dot_m = INCH_M / settings.dpi
     cells = dictionary.markerSize + 2 * _BORDER_CELLS
     width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
     side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
@@ -238,6 +237,18 @@ def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
     return PAPER * linear(codes)
 
 
+def check_print(path: Path) -> None:
+    """Refuse the name of a print that is neither .png nor .pdf.
+
+    Raises
+    ------
+    RigError
+        If it is not.
+    """
+    if path.suffix not in (".pdf", ".png"):
+        raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
+
+
 def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
     """Write the page's image as PNG or PDF, at its printed size.
 
@@ -255,14 +266,13 @@ def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
     RigError
         If the extension is neither .png nor .pdf.
     """
-    dpi = _INCH_M / page.dot_m
+    check_print(path)
+    dpi = INCH_M / page.dot_m
     data = io.BytesIO()
     if path.suffix == ".pdf":
         Image.fromarray(image).save(data, "PDF", resolution=dpi, quality=98)
-    elif path.suffix == ".png":
-        Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
     else:
-        raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
+        Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
     write_bytes(path, data.getvalue())
 
 

@@ -203,7 +203,7 @@ def read_columns(
         If the file cannot be read, or a column is missing or has no value in a line.
     """
     try:
-        with file.open(newline="", encoding="utf-8") as opened:
+        with file.open(newline="", encoding="utf-8-sig") as opened:
             table = csv.DictReader(opened)
             found = [name.strip() for name in table.fieldnames or ()]
             table.fieldnames = found

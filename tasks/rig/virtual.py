@@ -18,6 +18,7 @@ from eres_render.sequence.manifest import read_manifest
 from eres_render.storage.atomic import make_folder, write_bytes, write_text
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.tum import tum_text
+from tasks import exposures
 from tasks.errors import RigError
 from tasks.events.frame_camera import developed, exposed
 from tasks.events.frame_camera_options import FrameCameraOptions
@@ -185,13 +186,18 @@ def render_rig(
 
 def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
     """Refuse the folder of another recording, whose light and events would get a false truth."""
-    if not (out / TRUTH_NAME).exists():
-        return
+    virtual = (out / TRUTH_NAME).exists()
+    real = [] if virtual else [*out.glob(exposures.FILE_NAME), *out.glob("events.*")]
+    if real:
+        raise RigError(
+            f"{real[0]}: found the file of a real recording, as there is no {TRUTH_NAME}, expected "
+            "a new folder"
+        )
     with tempfile.TemporaryDirectory() as folder:
         _write_facts(Path(folder), page, slider, pose)
         for file in Path(folder).iterdir():
             found = out / file.name
-            if not found.exists() or found.read_bytes() != file.read_bytes():
+            if found.read_bytes() != file.read_bytes() if found.exists() else virtual:
                 raise RigError(
                     f"{found}: found that of another rig or depth, expected a new folder, or the "
                     "same rig and depth to continue"

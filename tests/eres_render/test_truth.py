@@ -212,6 +212,14 @@ def test_a_step_of_days_has_both_ends_of_the_window():
         assert window_times(sequence, step_s).tolist() == [0.25, 0.3]
 
 
+@pytest.mark.parametrize("step_s", [0.0333333, 0.03333333, 1 / 30, 0.0333334])
+def test_a_rounded_step_leaves_no_short_one(step_s):
+    """Promise: a third of a tenth with few digits makes as many steps as one with many."""
+    times_s = window_times(SimpleNamespace(window_s=(0.0, 0.1)), step_s)
+    assert len(times_s) == 4
+    assert np.diff(times_s).min() > 0.99 * step_s
+
+
 def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path, monkeypatch):
     folder = room_folder(tmp_path / "room")
     scene = load_scene(folder)

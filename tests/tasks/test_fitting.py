@@ -25,10 +25,10 @@ from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
 from tasks.fitting.stillness import counts, fit_noise, neighbors_together
 from tasks.footage import Footage
-from tasks.numerics.estimate import poisson_rate, share
+from tasks.numerics.estimate import bootstrap, poisson_rate, share
 from tasks.recording.frames import open_frames
 from tasks.recording.levels import Levels, levels_of
-from tasks.recording.threshold import best_delay_us, fit_line, fit_thresholds
+from tasks.recording.threshold import _solved, best_delay_us, fit_line, fit_thresholds
 
 HEIGHT, WIDTH = 60, 80
 
@@ -195,6 +195,23 @@ def test_thresholds_of_exact_levels_are_exact():
     found = fit_line(levels)
     assert (found.on, found.off) == (pytest.approx(C_on), pytest.approx(C_off))
     assert found.unexplained == pytest.approx(0, abs=1e-9)
+
+
+def test_intervals_of_a_small_part_are_those_of_its_pixels():
+    """Promise: motion in one corner gives an interval of about the width that its number of events
+    gives, not one of no width because it is in a single tile."""
+    events = moving(0.2, 0.25, 1e-2, threshold_mismatch=0.03)
+    corner = events.where((events.x < 8) & (events.y < 8))
+    (levels, _), (all_levels, _) = known(corner, 1e-2), known(events, 1e-2)
+    width, all_width = (bootstrap(fit_line(one).sums, _solved)[0] for one in (levels, all_levels))
+    times = math.sqrt(len(all_levels.t_us) / len(levels.t_us))
+    assert width.high - width.low > 0.3 * times * (all_width.high - all_width.low)
+
+
+def test_events_of_one_polarity_are_refused_in_words():
+    events = moving(0.2, 0.25, 1e-2)
+    with pytest.raises(TaskError, match="thresholds: found changes of the light that do not fit"):
+        fit_thresholds(*known(events.where(events.p > 0), 1e-2))
 
 
 @pytest.mark.parametrize(

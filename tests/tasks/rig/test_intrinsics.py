@@ -74,6 +74,33 @@ def test_perfect_corners_give_the_camera():
     assert set(sigmas) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"}
 
 
+def test_standard_deviations_are_those_of_the_noise():
+    """Promise: over draws of the noise, numbers spread as their standard deviations say."""
+    rng = np.random.default_rng(0)
+    drawn = []
+    for _ in range(40):
+        views = [corners_px(*view) for view in VIEWS]
+        noisy = [one + rng.normal(0, 0.02, one.shape) for one in views]
+        camera, sigmas, _ = calibrate(noisy, BOARD, 160, 128)
+        numbers = camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion.k1
+        drawn.append([numbers, [sigmas[name] for name in ("fx", "fy", "cx", "cy", "k1")]])
+    numbers, sigmas = np.array(drawn).transpose(1, 0, 2)
+    np.testing.assert_allclose(numbers.std(axis=0), sigmas.mean(axis=0), rtol=0.35)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 1.0])
+def test_views_that_tell_little_are_refused(tilt_deg):
+    """Promise: boards parallel to the sensor give no focal length, whatever the fit returns."""
+    rng = np.random.default_rng(1)
+    views = [
+        corners_px(tilt_deg * rng.uniform(-1, 1, 3), 0.3 + 0.02 * k)
+        + rng.normal(0, 0.05, (len(BOARD.points_m()), 2))
+        for k in range(6)
+    ]
+    with pytest.raises(RigError, match=r"intrinsics: .*tilt the board more"):
+        calibrate(views, BOARD, 160, 128)
+
+
 def test_corners_of_a_board_count_from_the_corner_of_the_image():
     codes = np.round(255 * light_of_board(*VIEWS[0])).astype(np.uint8)
     found = find_board(codes, BOARD)

@@ -158,6 +158,9 @@ def test_settings_are_read(tmp_path):
     ("old", "new", "expected"),
     [
         ("width_m = 0.44", "width_m = 0.44\ndpi = 300", "dpi: found 300"),
+        ("width_m = 0.44", "width_m = 0.44\ndpi = 1e9", "dpi: found 1000000000.0"),
+        ("width_m = 0.44", "width_m = 0.44\nseed = -1", "seed: found -1"),
+        ("width_m = 0.12", "width_m = 0.00001", "picture_width_m: found 1e-05, expected at least"),
         ("width_m = 0.44", "width_m = 0.1", "picture_width_m: found 0.12"),
         ("focal_mm = 8.0, ", "", "either fx, or both pitch_um and focal_mm"),
         ("pitch_um = 18.5", "fx = 400.0", "either fx, or both pitch_um and focal_mm"),

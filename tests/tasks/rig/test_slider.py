@@ -94,6 +94,19 @@ def test_a_window_has_one_speed_from_its_start_to_its_end():
         _windows(slider, events_until(199_000), RigEvaluation(windows=9))
 
 
+def test_windows_that_pass_the_ends_of_the_readings_are_left_out():
+    """Promise: they are not a reason to score none of the others."""
+    t_us = np.arange(0.0, 3e5, 500.0)
+    slider = Slider(t_us, 0.2e-6 * t_us)
+    found = _windows(slider, events_until(299_000), RigEvaluation(windows=60, travel_m=0.01))
+    assert 40 < len(found) < 60
+
+
+def test_a_file_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "slider.csv").write_text("t_us,x_m\n0,0\n5,1\n", encoding="utf-8-sig")
+    assert read_slider(tmp_path / "slider.csv").x_m.tolist() == [0.0, 1.0]
+
+
 def test_files_keep_every_digit(tmp_path):
     slider = strokes(SETTINGS)
     write_slider(tmp_path / "slider.csv", slider)

@@ -35,7 +35,14 @@ from tasks.rig.calibration import (
 )
 from tasks.rig.crop import common_boxes, crop, homography, read_crop
 from tasks.rig.detect import _Integration, detect
-from tasks.rig.evaluate import RigEvaluation, evaluate_rig
+from tasks.rig.evaluate import (
+    RigEvaluation,
+    _features,
+    _load,
+    _nearest,
+    _Window,
+    evaluate_rig,
+)
 from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
@@ -362,6 +369,52 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     assert (made / "crop.json").exists()
 
 
+def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
+    """Promise: crops of another call, which show another field, do not stay beside new ones."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    calibration, out = read_calibration(file), tmp_path / "crops"
+    (made,) = crop([recording], calibration, out)
+    shutil.copytree(made, out / "far")
+    with pytest.raises(RigError, match=r"far: found the crop of another recording"):
+        crop([recording], calibration, out, overwrite=True)
+    assert (made / "crop.json").exists()
+
+
+def test_every_distance_has_the_same_corners(recording, frames_solved, tmp_path):
+    """Promise: patches of flow are at the same points of the print from near and far."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    crop_near = _load(made, RigEvaluation(tracking=()))
+    near, camera = crop_near.cropped, crop_near.camera
+    pose = replace(near.pose, origin_m=(np.array(near.pose.origin_m) - [0, 0, 0.1]).tolist())
+    size = {"width": camera.width // 2, "height": camera.height // 2}
+    middle = {"cx": 0.25 * camera.width, "cy": 0.25 * camera.height}
+    crop_far = replace(crop_near, cropped=replace(near, pose=pose, **size, **middle))
+    assert _nearest([crop_far.cropped, near]) == {"pebbles": near}
+    x_m = tuple(frames_solved.x_m)
+    window = _Window(0, 0, 0, 10_000, (x_m[0], x_m[0] + 0.002))
+    both = []
+    for one in (crop_near, crop_far):
+        centers_px, _ = _features(one, near, window, 8)
+        both.append(on_page(one.pose, one.camera, centers_px, x_m[0]))
+    shared = min(map(len, both))
+    assert shared > 3
+    np.testing.assert_allclose(both[0][:shared], both[1][:shared], atol=1e-9)
+
+
+def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_solved, tmp_path):
+    """Promise: a method that estimates the delay runs on a crop, too."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    crop([recording], read_calibration(file), tmp_path / "crops")
+    options = {"windows": 3, "travel_m": 0.002, "flow": (), "video": ()}
+    method = "photometric_tracking_with_delay"
+    rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
+    assert {row.method for row in rows} == {method}
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, overwrite):
     """Promise: --out may not be the folder of the recordings."""
@@ -456,6 +509,21 @@ def test_another_depth_does_not_change_the_truth_of_a_recording(folder, tmp_path
             frame_camera=FrameCameraOptions(),
         )
     assert (tmp_path / "near" / "truth.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["slider.csv", "frames.csv", "events.raw"])
+def test_a_real_recording_is_not_rendered_over(tmp_path, name):
+    """Promise: readings, frames and events without truth.json stay as they are."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "near").mkdir()
+    (tmp_path / "near" / name).write_text("t_us,x_m\n0,0\n1000000,0.1\n")
+    before = (tmp_path / "near" / name).read_bytes()
+    with pytest.raises(RigError, match=rf"{name}: found .*expected a new folder"):
+        render_rig(
+            tmp_path / "rig.toml", tmp_path / "near", DEPTH_M, frame_camera=FrameCameraOptions()
+        )
+    assert [*(tmp_path / "near").iterdir()] == [tmp_path / "near" / name]
+    assert (tmp_path / "near" / name).read_bytes() == before
 
 
 @pytest.mark.parametrize(
