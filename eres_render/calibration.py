@@ -144,7 +144,7 @@ def _table(file: Path) -> dict[str, Any]:
     text = re.sub(r"\A%YAML:1\.\d\s*\n", "", text)  # as OpenCV writes it, which is not YAML
     try:
         table = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # such as that of a date in month 13
         raise RenderError(f"{file}: not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(table, dict):
         raise RenderError(f"{file}: found {type(table).__name__}, expected a table of fields")

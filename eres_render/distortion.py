@@ -23,6 +23,7 @@ Float64 = NDArray[np.float64]
 
 _CLOSE = 1e-13  # error on the image plane at distance 1 at which the search ends
 _CLOSE_ENOUGH = 1e-12
+_LEAST_COEFFICIENT = 1e-60  # smaller ones bend nothing, and overflow in the search for roots
 _MOST_STEPS = 200  # needed far out, where r^7 dominates; pixels of an image take about 5
 
 
@@ -181,7 +182,8 @@ def _reach(lens: Distortion) -> float:
     # The eigenvalues of the radial terms: d(r f)/dr along the radius and f across it.
     along = [7 * lens.k3, 0, 5 * lens.k2, 0, 3 * lens.k1, tangential, 1]
     across = [lens.k3, 0, lens.k2, 0, lens.k1, tangential, 1]
-    roots = np.concatenate([np.roots(along), np.roots(across)])
+    kept = [np.where(np.abs(one) > _LEAST_COEFFICIENT, one, 0.0) for one in (along, across)]
+    roots = np.concatenate([np.roots(one) for one in kept])
     real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
     return float(real.min(initial=math.inf))
 

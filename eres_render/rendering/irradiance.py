@@ -41,6 +41,7 @@ _SAMPLES_AT_ONCE = 1 << 22  # limits the memory of one wavefront
 _BOUNCES = 8  # between surfaces; light that halves at each has lost 99.6 % by then
 _FEWEST_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
+_MOST_SQUEEZED = 3.0  # a texture against the surface under it, as on bodies of revolution
 _MOST_CELLS = 1 << 26  # of a lightmap
 _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
 _LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
@@ -147,29 +148,15 @@ def _square(spp: int) -> int:
 def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[int, int]:
     """Return how many cells a shape's lightmap has along u and along v.
 
-    The size of the UV square is that of the texture on it, if `sizes_m` has it, so that cells line
-    up with the parts of an atlas; else the mean stretch of the parametrization over the shape.
+    The size of the UV square is the mean stretch of the parametrization over the shape, or that of
+    the texture on it, if `sizes_m` has about the same, so that cells line up with the parts of an
+    atlas. The texels of a print have the size of what it shows, not of the print.
     """
-    import drjit as dr
-    import mitsuba as mi
-
-    if shape.id() in sizes_m:
-        size_m = sizes_m[shape.id()]
-    else:
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(0, _PROBES)
-        si: Any = shape.eval_parameterization(sampler.next_2d())
-        found = np.asarray(si.is_valid())
-        if not found.any():  # it covers hardly any of the UV square
-            sample_position: Any = shape.sample_position  # its type stub has a different Float
-            on_it = sample_position(0.0, sampler.next_2d())
-            si = shape.eval_parameterization(mi.Point2f(on_it.uv))
-            found = np.asarray(si.is_valid())
-        u_m, v_m = (
-            float(np.sum(_each(dr.norm(along), found.shape), where=found) / found.sum())
-            for along in (si.dp_du, si.dp_dv)
-        )
-        size_m = (u_m, v_m)
+    size_m = _uv_size_m(shape)
+    texture_m = sizes_m.get(shape.id(), size_m)
+    squeezed = np.abs(np.log(np.array(texture_m) / size_m))
+    if squeezed.max() < math.log(_MOST_SQUEEZED):
+        size_m = texture_m
     # Mitsuba wants two texels each way of an image that changes.
     n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
     if n_u * n_v > _MOST_CELLS:
@@ -179,6 +166,27 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
             "render with --integrator path"
         )
     return n_u, n_v
+
+
+def _uv_size_m(shape: mi.Shape) -> Size:
+    """Return the mean stretch of a shape's parametrization along u and along v, m."""
+    import drjit as dr
+    import mitsuba as mi
+
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, _PROBES)
+    si: Any = shape.eval_parameterization(sampler.next_2d())
+    found = np.asarray(si.is_valid())
+    if not found.any():  # it covers hardly any of the UV square
+        sample_position: Any = shape.sample_position  # its type stub has a different Float
+        on_it = sample_position(0.0, sampler.next_2d())
+        si = shape.eval_parameterization(mi.Point2f(on_it.uv))
+        found = np.asarray(si.is_valid())
+    u_m, v_m = (
+        float(np.sum(_each(dr.norm(along), found.shape), where=found) / found.sum())
+        for along in (si.dp_du, si.dp_dv)
+    )
+    return u_m, v_m
 
 
 def _each(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -286,6 +286,11 @@ class Renderer:
             for t, T in zip(t_s.tolist(), self.trajectory.pose(t_s), strict=True)
         ]
         white = float(np.percentile(np.stack(frames), 99.9))
+        if np.isnan(white):
+            raise SceneError(
+                f"{self.scene.xml_file}: found NaN radiance along the path, expected numbers; does "
+                "a texture have NaN?"
+            )
         if not white > 0:
             raise SceneError(
                 f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "

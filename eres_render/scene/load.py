@@ -26,6 +26,7 @@ from eres_render.storage.settings_reader import read_toml
 from eres_render.trajectory.spline import Trajectory, check_finite
 
 _NAMES_OF_MITSUBA = ("config", "filename")  # arguments of its parser, as names of textures are
+_LEAST_CLEARANCE_M = 0.005  # distance; the depth at the corners of a wide view is less
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
 
 
@@ -79,8 +80,8 @@ def load_scene(
     Raises
     ------
     SceneError
-        If the scene does not exist, a file that it names is missing, or a field is missing, of the
-        wrong type or out of range.
+        If the scene does not exist, a name is that of a packaged scene and of a folder here, a file
+        that the scene names is missing, or a field is missing, of the wrong type or out of range.
 
     Examples
     --------
@@ -96,6 +97,11 @@ def load_scene(
     """
     path = Path(name_or_path)
     if packaged := _packaged(str(name_or_path)):
+        if (path / "scene.toml").is_file() and path.resolve() != packaged.resolve():
+            raise SceneError(
+                f"{name_or_path}: found a packaged scene and a folder of this name, expected one: "
+                f"write ./{name_or_path} for the folder"
+            )
         scene = _load_folder(packaged, str(name_or_path))
     elif path.suffix == ".xml" and path.is_file():
         scene = _load_xml(path.resolve())
@@ -154,6 +160,9 @@ def _check(settings: SceneToml, file: Path) -> None:
     positive: dict[str, float] = {"bake.cell_m": bake.cell_m, "bake.spp": bake.spp}
     if path is not None:
         positive["path.min_clearance_m"] = path.min_clearance_m
+        if path.min_clearance_m < _LEAST_CLEARANCE_M:
+            least = f"at least {_LEAST_CLEARANCE_M:g} m, as frames begin 1 mm from the camera"
+            refuse("path.min_clearance_m", path.min_clearance_m, least)
     if isinstance(path, FacingPlanePath | WaypointsPath):
         positive["path.duration_s"] = path.duration_s
         positive["path.mean_speed_mps"] = path.mean_speed_mps

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from eres_render.errors import SceneError
+from eres_render.errors import RenderError, SceneError
 from eres_render.interior.pieces import PIECES, paint
 from eres_render.storage.cache import cache_dir
 from eres_render.storage.digest import digest
-from eres_render.storage.exr import to_half, write_channels
+from eres_render.storage.exr import check_readable, to_half, write_channels
 from eres_render.textures.carpet import bokhara
 from eres_render.textures.forest import forest
 from eres_render.textures.fractal_noise import Float32
@@ -59,7 +59,7 @@ class TextureRecipe:
     size_px
         Texels along u.
     texel_m
-        Size of a texel, meters.
+        Size of a texel, meters: of what it shows, which on a print is larger than the print.
     seed
         Seed of the random generator.
     height_px
@@ -97,11 +97,13 @@ class TextureRecipe:
         return TEXTURES[self.kind].make(width_px, height_px, self.texel_m, self.seed)
 
     def file(self) -> Path:
-        """Return an EXR file (half float, channel Y) of the texels; make it if it is not cached.
+        """Return an EXR file (half float, channel Y) of the texels, made unless it is cached whole.
 
         It is not compressed: noise saves a third at most, for a quarter of the time to make it.
         """
         path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
-        if not path.exists():
+        try:
+            check_readable(path)
+        except (FileNotFoundError, RenderError):  # damaged, as by a power failure
             write_channels(path, {"Y": to_half(self.make(), path)}, compression="none")
         return path

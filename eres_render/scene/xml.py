@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 import xml.etree.ElementTree as ElementTree
@@ -11,6 +12,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from eres_render.errors import SceneError
+
+_log = logging.getLogger(__name__)
 
 _FILM_PX = (768, 576)  # Mitsuba's own default
 _FULL_FRAME_MM = math.hypot(36.0, 24.0)
@@ -52,6 +55,14 @@ class SceneXml:
         camera = self.cameras[0]
         if (kind := camera.get("type")) != "perspective":
             raise SceneError(f"{self.file}: camera: found type {kind!r}, expected 'perspective'")
+        for element in camera:
+            shifted = element.get("name", "").startswith("principal_point_offset")
+            if shifted and element.get("value") not in ("0", "0.0"):
+                _log.warning(
+                    "%s: camera: %s is left out, as only the field of view is read; --camera takes "
+                    "a calibrated camera",
+                    *(self.file, element.get("name")),
+                )
         try:
             return _fov_rad(camera)
         except ValueError as error:
@@ -109,7 +120,7 @@ class _Reader:
             root = ElementTree.parse(file).getroot()
         except OSError as error:
             raise SceneError(f"{file}: cannot be read: {error.strerror}") from error
-        except ElementTree.ParseError as error:
+        except (ElementTree.ParseError, ValueError, LookupError) as error:  # also of its encoding
             raise SceneError(f"{file}: not an XML file: {error}") from error
         for element in root.iter():
             for key, value in element.attrib.items():

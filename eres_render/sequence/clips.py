@@ -10,6 +10,7 @@ from eres_render.scene.scene import Scene
 from eres_render.storage.json_values import use_python_numbers
 
 _MOST_CLIPS = 1_000_000
+_LONGEST_S = 1e5  # finding the frame times of more takes hours
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +125,8 @@ def clips(
     if not 1 <= count <= fitting:
         raise RenderError(f"samples: found {samples}, expected 1 to {fitting}")
     starts_s = [(k + 0.5) * every_s for k in range(count)]
-    return [Clip(k, t - warmup_s, t, t + window_s) for k, t in enumerate(starts_s)]
+    end_s = scene.duration_s  # which the last clip may pass by a rounding error
+    return [Clip(k, t - warmup_s, t, min(t + window_s, end_s)) for k, t in enumerate(starts_s)]
 
 
 def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
@@ -145,7 +147,7 @@ def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
     Raises
     ------
     RenderError
-        If `duration_s` is longer than the path.
+        If `duration_s` is longer than the path, or the stretch than a day.
 
     Examples
     --------
@@ -153,7 +155,13 @@ def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
     >>> continuous_stretch(load_scene("carpet"), duration_s=2.0).marks_s
     (0.0, 2.0)
     """
-    return Clip(0, 0.0, 0.0, _checked_duration_s(scene, duration_s))
+    duration_s = _checked_duration_s(scene, duration_s)
+    if duration_s > _LONGEST_S:
+        raise RenderError(
+            f"found {duration_s:g} s of path, expected at most {_LONGEST_S:g} s for one sequence; "
+            "are the times of the poses in seconds?"
+        )
+    return Clip(0, 0.0, 0.0, duration_s)
 
 
 def _checked_duration_s(scene: Scene, duration_s: float | None) -> float:

@@ -89,6 +89,12 @@ class _ClipInProgress(RadianceSequence):
         started_s = time.perf_counter()
         radiance = self.renderer.frame(self.poses[i], t_s=self.manifest.t_s[i])
         half = to_half(radiance, self.writer.file(i))
+        if half.min() < 0:  # readers refuse it
+            row, column = np.argwhere(half < 0)[0]
+            raise RenderError(
+                f"{self.writer.file(i)}: pixel x={column} y={row}: found {half[row, column]:g}, "
+                "expected a radiance of 0 or more; is a texture or a light of the scene negative?"
+            )
         self.rendered.frames += 1
         self.rendered.seconds += time.perf_counter() - started_s
         self.wait()

@@ -60,6 +60,12 @@ def _acquired(path: Path, how: int) -> BinaryIO:
         except BlockingIOError:
             file.close()
             raise LockedError(f"{path}: another process holds the lock") from None
+        except OSError as error:  # a file system without locks
+            file.close()
+            raise RenderError(
+                f"{path.parent}: cannot be locked: {error.strerror}; use a local disk (ERES_CACHE "
+                "names the folder of the cache)"
+            ) from error
         except BaseException:
             file.close()
             raise

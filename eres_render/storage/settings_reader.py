@@ -221,9 +221,10 @@ def _member(union: Any, found: Any, refuse: Callable[[str], ValueError]) -> Any:
     if len(members) == 1 or not isinstance(found, dict):
         return members[0]
     by_word = {typing.get_args(typing.get_type_hints(m)["kind"])[0]: m for m in members}
-    if found.get("kind") not in by_word:
-        raise refuse(f"kind: found {found.get('kind')!r}, expected one of {', '.join(by_word)}")
-    return by_word[found["kind"]]
+    kind = found.get("kind")
+    if not isinstance(kind, str) or kind not in by_word:
+        raise refuse(f"kind: found {kind!r}, expected one of {', '.join(by_word)}")
+    return by_word[kind]
 
 
 def _number(found: Any) -> float:

@@ -7,17 +7,22 @@ import numpy as np
 import pytest
 
 from eres_render import (
+    Clip,
     Renderer,
     SceneError,
     TrajectoryError,
+    continuous_stretch,
     ground_truth,
     load_scene,
     path_through,
+    render_clip,
     render_scene,
 )
+from eres_render.errors import RenderError
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.xml import read_scene_xml
+from eres_render.storage.exr import write_channels
 from eres_render.trajectory.generators import look_at
 from light_scenes import CAMERA, write_poses, write_scene
 
@@ -255,6 +260,54 @@ def test_a_parameter_is_the_longest_name_that_fits(tmp_path):
         skin = f'<texture type="bitmap"><string name="filename" value="{name}"/></texture>'
         xml = write_scene(tmp_path, CAMERA, values, skin)
         assert read_scene_xml(xml).files == (tmp_path / file,)
+
+
+@pytest.mark.parametrize("encoding", ["gb2312", "utf-32", "none-such"])
+def test_encodings_that_xml_readers_do_not_know_are_refused(tmp_path, encoding):
+    xml = write_scene(tmp_path, CAMERA)
+    xml.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{xml.read_text()}')
+    with pytest.raises(SceneError, match=r"mine\.xml: not an XML file: "):
+        load_scene(xml)
+
+
+def test_a_principal_point_that_is_left_out_is_said(tmp_path, caplog):
+    inner = '<float name="fov" value="50"/><float name="principal_point_offset_x" value="{}"/>'
+    camera = f'<sensor type="perspective">{inner}</sensor>'
+    load_scene(write_scene(tmp_path, camera.format("0.0"), BALL, SKY))
+    assert not caplog.text
+    load_scene(write_scene(tmp_path, camera.format("0.2"), BALL, SKY))
+    assert "principal_point_offset_x is left out" in caplog.text
+
+
+def lit_floor(radiance):
+    """Return a floor that emits an image with one texel of another value in its middle."""
+    return (
+        '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform>'
+        '<emitter type="area"><texture type="bitmap" name="radiance">'
+        f'<string name="filename" value="{radiance}"/><boolean name="raw" value="true"/>'
+        '<string name="filter_type" value="nearest"/></texture></emitter></shape>'
+    )
+
+
+def test_negative_light_is_refused_when_it_is_rendered(tmp_path):
+    """Promise: no complete sequence that nothing can read; the error says what to look at."""
+    image = np.ones((9, 9), np.float32)
+    image[4, 4] = -0.5
+    write_channels(tmp_path / "floor.exr", {"Y": image}, compression="none")
+    poses = write_poses(tmp_path, [(0, -1, 3), (0, -0.9, 3), (0, -0.8, 3), (0, -0.7, 3)], range(4))
+    scene = load_scene(write_scene(tmp_path, CAMERA, lit_floor("floor.exr")), poses)
+    renderer = Renderer(scene, 16, 4, integrator="emission")
+    message = r"000000\.exr: pixel x=\d+ y=\d+: found -0\.\d+, expected a radiance of 0 or more"
+    with pytest.raises(RenderError, match=message):
+        render_clip(renderer, Clip(0, 0.0, 0.0, 0.02), tmp_path / "out", 0.5)
+
+
+def test_paths_of_days_are_refused_before_their_frame_times_are_sought(tmp_path):
+    """Promise: times in microseconds do not start a search of hours."""
+    poses = write_poses(tmp_path, [(3, 0, 0), (2, 2, 0.1), (0, 3, 0)], (0, 100_000, 200_000))
+    scene = load_scene(write_scene(tmp_path, CAMERA, BALL, SKY), poses)
+    with pytest.raises(RenderError, match=r"found 200000 s of path, .* poses in seconds\?"):
+        continuous_stretch(scene)
 
 
 def test_light_that_half_floats_round_visibly_is_said(tmp_path, caplog):

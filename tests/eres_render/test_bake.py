@@ -167,6 +167,30 @@ def test_cells_line_up_with_the_texels_of_an_atlas():
         assert lightmap.shape == (4 * atlas.rows, 4 * atlas.columns)
 
 
+@pytest.mark.parametrize("texel_m", [0.1, 0.01, 1e-3, 1.0])
+def test_cells_have_their_size_on_the_surface(tmp_path, texel_m):
+    """Promise: a floor of 6 m has 60 cells of 0.1 m, also if a texel of its texture has another
+    size than on the floor, as on a print of something larger."""
+    folder = edit_scene(
+        tmp_path / "floor",
+        ("size_px = 4096", "size_px = 64"),
+        ("texel_m = 0.001220703125", f"texel_m = {texel_m}"),
+        ("half_width_m = 2.5", "half_width_m = 3.0"),
+    )
+    (folder / "scene.xml").write_text(
+        """<scene version="3.0.0">
+        <emitter type="constant"/>
+        <shape type="rectangle" id="carpet">
+          <transform name="to_world"><scale value="3"/></transform>
+          <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+            <string name="filename" value="$carpet_reflectance"/><boolean name="raw" value="true"/>
+          </texture></bsdf>
+        </shape></scene>"""
+    )
+    (cells,) = irradiance_maps(load_scene(folder), cell_m=0.1, spp=1).values()
+    assert cells.shape == ((64, 64) if texel_m == 0.1 else (60, 60))
+
+
 def test_baked_and_path_traced_views_agree():
     """Packaged lightmap against 1024 paths per pixel: log radiance to 40 dB (peak 1, 1 % rms)."""
     scene = load_scene("carpet")

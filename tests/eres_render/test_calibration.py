@@ -150,6 +150,7 @@ def test_kalibr_has_no_k3(tmp_path):
         (OPENCV, "data: [", "data: {", "not YAML: while parsing"),
         (OPENCV, "!!opencv-matrix", "!!python/object:os.system", "not YAML: could not determine"),
         (OPENCV, OPENCV, "3", "found int, expected a table"),
+        (OPENCV, "image_height", "date: 2020-13-45\nimage_height", "not YAML: month must be in 1"),
     ],
 )
 def test_other_models_and_damaged_files_are_refused(tmp_path, text, old, new, message):

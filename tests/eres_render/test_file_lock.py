@@ -1,5 +1,6 @@
 """Several processes on one folder wait for each other, and none waits for a dead one."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -75,6 +76,16 @@ def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     said = "file: found a file, expected a folder"
     with pytest.raises(RenderError, match=said), locked(tmp_path / "file/x"):
+        pass
+
+
+def test_a_disk_without_locks_is_named(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    said = rf"{tmp_path}: cannot be locked: Function not implemented; use a local disk"
+    with pytest.raises(RenderError, match=said), locked(tmp_path / "x"):
         pass
 
 

@@ -78,6 +78,8 @@ def test_the_reach_is_where_the_radial_polynomial_turns():
     assert Distortion(k1=-0.2).reach == pytest.approx(math.sqrt(5 / 3), rel=1e-12)
     assert math.isinf(Distortion(k1=1.0).reach)
     assert Distortion(p1=3e-3, p2=4e-3).reach == pytest.approx(1 / 0.03, rel=1e-9)
+    for k3 in (1e-80, -1e-100, 1e-320):
+        assert Distortion(k1=-0.2, k3=k3).reach == pytest.approx(math.sqrt(5 / 3), rel=1e-9)
 
 
 def test_a_lens_that_folds_the_image_is_refused():

@@ -62,6 +62,16 @@ def test_a_folder_is_a_scene_too(tmp_path):
             "duration_s = 0",
             r"path\.duration_s: found 0\.0, expected a positive",
         ),
+        (
+            'kind = "facing_plane"',
+            'kind = ["tum"]',
+            r"path: kind: found \['tum'\], expected one of",
+        ),
+        (
+            "min_clearance_m = 0.5",
+            "min_clearance_m = 0.001",
+            r"path\.min_clearance_m: found 0\.001, expected at least 0\.005 m",
+        ),
         ("[bake]", "[bake", "not TOML"),
     ],
 )
@@ -70,6 +80,16 @@ def test_each_wrong_field_is_named_with_what_was_found_and_expected(tmp_path, ol
     with pytest.raises(SceneError, match=message) as caught:
         load_scene(folder)
     assert str(folder / "scene.toml") in str(caught.value)
+
+
+def test_a_folder_with_the_name_of_a_packaged_scene_is_not_taken_for_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rocks").mkdir()  # such as frames of the scene
+    assert load_scene("rocks").folder != tmp_path / "rocks"
+    edit_scene(tmp_path / "rocks")
+    with pytest.raises(SceneError, match=r"rocks: found a packaged scene and a folder .* \./rocks"):
+        load_scene("rocks")
+    assert load_scene("./rocks").folder == tmp_path / "rocks"
 
 
 def test_a_folder_without_scene_xml_is_refused(tmp_path):
@@ -138,6 +158,15 @@ def test_clips_are_twenty_half_a_second_apart_each_warmed_up():
         assert clip.t_window_end_s - clip.t_window_start_s == pytest.approx(0.05)
         assert clip.t_window_start_s - clip.t_start_s == pytest.approx(0.0382)
     assert made[-1].t_window_end_s <= 10
+
+
+@pytest.mark.parametrize(("every_s", "window_s"), [(0.1, 0.05), (0.05, 0.025), (0.5, 0.05)])
+def test_no_clip_ends_after_the_path(every_s, window_s):
+    """Promise: sums of times that are no binary fractions do not pass the end by a rounding."""
+    scene = load_scene("carpet")
+    made = clips(scene, every_s=every_s, window_s=window_s, warmup_s=0.02)
+    assert made[-1].t_window_end_s == pytest.approx(10.0, abs=every_s)
+    assert max(clip.t_window_end_s for clip in made) <= scene.duration_s
 
 
 def test_clips_that_do_not_fit_are_refused():

@@ -147,6 +147,15 @@ def test_a_recipe_makes_its_file_once(tmp_path, monkeypatch):
     assert TextureRecipe("carpet", 128, 0.01, 2).file() != file
 
 
+@pytest.mark.parametrize("kept", [0, 100])
+def test_a_damaged_file_in_the_cache_is_made_again(tmp_path, monkeypatch, kept):
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path))
+    recipe = TextureRecipe("carpet", 64, 0.01, 2)
+    whole = recipe.file().read_bytes()
+    recipe.file().write_bytes(whole[:kept])
+    assert recipe.file().read_bytes() == whole
+
+
 def test_unknown_texture_is_named():
     with pytest.raises(SceneError, match=r"found 'marble', expected one of .*'carpet'"):
         TextureRecipe("marble", 128, 0.01, 2)
