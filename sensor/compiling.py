@@ -26,7 +26,7 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     Parameters
     ----------
     folders
-        Folders of the kernels and of those that they call.
+        Folders of the kernels and of those that they call; none for a kernel that calls no other.
     options
         Options of `numba.njit`, in addition to a cache, no GIL, the error model of numpy, and no
         code for callers in C.

@@ -21,12 +21,12 @@ from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
 from sensor import Events
+from sensor.compiling import compiler
 from tasks.errors import TaskError
 
 Float64 = NDArray[np.float64]
@@ -180,7 +180,7 @@ def picture(
     return equalize(stretched, *EQUALIZATIONS[equalization])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiler()
 def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     """Map each pixel to its rank among its neighbors, 0 to 1.
 

@@ -9,7 +9,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from eres_render.rendering.compiling import compiler
+from eres_render.compiling import compiler
 from eres_render.rendering.flat_surfaces import Pieces
 from eres_render.rendering.visibility_kernels import (
     BLACK,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eres_render.rendering.compiling import compiler
+from eres_render.compiling import compiler
 
 CORNER_BLOCK_PX = 4  # side of blocks of pixels whose corners are tried first
 UNKNOWN = -2  # in place of a piece

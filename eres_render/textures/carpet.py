@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.compiling import compiler
 from eres_render.textures.fractal_noise import Float32, fractal_noise
 from eres_render.textures.reflectance import saturated
 from eres_render.textures.relief import log_light
+
+jit = compiler(Path(__file__).parent)
 
 Bool = NDArray[np.bool_]
 
@@ -208,7 +211,7 @@ def _fibers(rng: np.random.Generator) -> Float32:
     return (strands / strands.std()).astype(np.float32)
 
 
-@numba.njit(cache=True)
+@jit
 def _lay_tufts(
     relief: Float32,
     log_reflectance: Float32,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
-import numba
 import numpy as np
 
+from eres_render.compiling import compiler
 from eres_render.textures.fractal_noise import Float32
+
+jit = compiler(Path(__file__).parent)
 
 _SKY_ELEVATIONS_DEG = (20.0, 55.0)
 """Of the directions that stand for the sky, 8 at each: bands of about the same horizontal flux."""
@@ -120,7 +123,7 @@ def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
     return seen
 
 
-@numba.njit(cache=True)
+@jit
 def _lit(relief: Float32, x: float, y: float, z: float, seen: Float32) -> None:
     """Write the share of a lamp that each texel sees."""
     rows, columns = relief.shape
@@ -131,7 +134,7 @@ def _lit(relief: Float32, x: float, y: float, z: float, seen: Float32) -> None:
         _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, seen[row])
 
 
-@numba.njit(cache=True)
+@jit
 def _add_lamp(
     relief: Float32,
     faces: Faces,
@@ -156,7 +159,7 @@ def _add_lamp(
             light[row, k] += max(cosine, np.float32(0)) * seen[k] * strength
 
 
-@numba.njit(cache=True)
+@jit
 def _shade_row(
     heights: Float32,
     x: float,

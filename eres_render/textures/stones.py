@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.compiling import compiler
 from eres_render.textures.fractal_noise import Float32, fractal_noise
 from eres_render.textures.reflectance import saturated
 from eres_render.textures.relief import log_light
+
+jit = compiler(Path(__file__).parent)
 
 # Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes
 # with radius^-2 per octave, the scale-free law of a dead-leaves mosaic. Stones without room are
@@ -136,7 +139,7 @@ def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) 
     return -np.sort(-np.concatenate(octaves))
 
 
-@numba.njit(cache=True)
+@jit
 def _lay_stones(
     owner: NDArray[np.int32],
     relief: Float32,

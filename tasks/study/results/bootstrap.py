@@ -5,9 +5,10 @@ from __future__ import annotations
 import zlib
 from functools import lru_cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from sensor.compiling import compiler
 
 DRAWS = 2000
 
@@ -60,7 +61,7 @@ def _counts(seed: str, things: int) -> NDArray[np.int64]:
     return counts
 
 
-@numba.njit(cache=True, nogil=True)
+@compiler()
 def _weighted_medians(
     values: NDArray[np.float64],  # (N,) ascending
     sample: NDArray[np.int64],  # (N,)

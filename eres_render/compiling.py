@@ -24,6 +24,7 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     Numba caches a compiled function until its own file changes. A kernel contains the code of the
     kernels that it calls, so the cache of each depends on all files with kernels in their folder.
     Of several processes that need a kernel, one compiles it and the others wait for it.
+    `sensor.compiling` has the same, as neither package imports the other.
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     -------
     The decorator.
     """
-    sources = map(Path.read_bytes, sorted(folder.glob("*.py")))
-    stamp = hashlib.sha256(b"".join(one for one in sources if b"@jit" in one)).hexdigest()
+    sources = map(Path.read_bytes, sorted(folder.rglob("*.py")))
+    stamp = hashlib.sha256(b"".join(one for one in sources if b"jit" in one)).hexdigest()
 
     def compiled(kernel: _Kernel) -> _Kernel:
         found: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(kernel)
