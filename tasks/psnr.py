@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tasks.errors import TaskError
 
 MOST_PSNR_DB = 100.0
-"""That of equal pictures, dB, as of a camera at rest; infinity has no differences."""
+"""PSNR of identical pictures, dB, as of a camera at rest; infinite scores have no differences."""
 
 
 def psnr_db(prediction: NDArray[np.floating], truth: NDArray[np.floating]) -> float:

@@ -119,12 +119,7 @@ class TrackingEstimate:
     diagnostics: TrackingDiagnostics | None = None
 
 
-def path_at(
-    pose: Callable[[Float64], Float64],
-    start_s: float,
-    control_poses: int = CONTROL_POSES,
-    knot_interval_s: float = KNOT_INTERVAL_S,
-) -> Trajectory:
+def path_at(pose: Callable[[Float64], Float64], start_s: float) -> Trajectory:
     """Return the spline whose control poses lie on a path; its time 0 is `start_s`.
 
     It deviates from the path by a sixth of the acceleration times the squared knot interval: some
@@ -137,16 +132,12 @@ def path_at(
         up to one knot interval before `start_s` and after the spline's end.
     start_s
         Start of the spline, seconds in the time of `pose`.
-    control_poses
-        Number of control poses.
-    knot_interval_s
-        Seconds from knot to knot.
 
     Returns
     -------
     The spline.
     """
-    knots_s = knot_interval_s * np.arange(-1.0, control_poses - 1)
+    knots_s = KNOT_INTERVAL_S * np.arange(-1.0, CONTROL_POSES - 1)
     return Trajectory(knots_s, pose(start_s + knots_s))
 
 

@@ -6,6 +6,8 @@ import numpy as np
 
 from eres_render.textures.fractal_noise import Float32, fractal_noise
 
+_BOARD_M = 0.13, 1.3  # width and length
+
 
 def wood(
     shape: tuple[int, int],
@@ -56,9 +58,6 @@ def planks(
     texel_m: float,
     rng: np.random.Generator,
     tone: float = 0.3,
-    *,
-    width_m: float = 0.13,
-    length_m: float = 1.3,
 ) -> Float32:
     """Return a floor of boards that run along u, each with its own shade, with dark joints between.
 
@@ -72,8 +71,6 @@ def planks(
         Source of all randomness.
     tone
         Approximate mean reflectance.
-    width_m, length_m
-        Size of a board, m.
 
     Returns
     -------
@@ -81,7 +78,7 @@ def planks(
         (rows, columns) float32.
     """
     height, width = shape
-    board, length = round(width_m / texel_m), round(length_m / texel_m)
+    board, length = (round(side_m / texel_m) for side_m in _BOARD_M)
     joint = max(1, round(0.002 / texel_m))
     floor = np.empty(shape, dtype=np.float32)
     for top in range(0, height, board):

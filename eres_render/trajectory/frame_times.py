@@ -324,7 +324,7 @@ def adaptive_times(
 def paced_times(
     motion: ImageMotion, marks_s: Sequence[float], max_displacement_px: float
 ) -> NDArray[np.float64]:
-    """Return such frame times at less cost, for motion whose speed hardly changes within 4 ms.
+    """Return frame times as `adaptive_times`, at less cost, for speeds that hardly change in 4 ms.
 
     The largest speed in the image is measured every 4 ms, and the greater of two such speeds counts
     for the time between them. Frames are equally far apart in the integral of that speed. So there

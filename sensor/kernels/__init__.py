@@ -9,5 +9,6 @@ v1, v2 outputs of the photoreceptor's two poles; v2 is the voltage L of Eq. (1)
 memory the level that the comparator compares v2 with
 
 `advance` loops over the pixels and calls the other files: `radiance`, `photoreceptor`, `silence`,
-`comparator` with `crossings`, `noise`, `packing`. `fifo` models the readout bus.
+`comparator` with `crossings`, `noise`, `packing`. `fifo` models the readout bus. `pixel` has the
+same for one pixel at a time, as a thread of a GPU runs it; `elementary` has exp and log.
 """

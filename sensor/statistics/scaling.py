@@ -162,7 +162,6 @@ def fit_power_law(
     sizes: NDArray[np.number],
     blocks: NDArray[np.float64],
     weights: NDArray[np.number] | None = None,
-    seed: int = 0,
 ) -> PowerLaw:
     """Fit gamma of value ~ size^-gamma, Eq. (6), to the weighted mean over blocks.
 
@@ -177,8 +176,6 @@ def fit_power_law(
         (N, P) values, 0 or more; their means are positive.
     weights
         (N,) weights of the blocks; None is 1 for all.
-    seed
-        Seed of the bootstrap.
 
     Returns
     -------
@@ -214,7 +211,7 @@ def fit_power_law(
     centered = log_size - log_size.mean()
     line = centered / np.sum(centered**2)
 
-    draws = np.random.default_rng(seed).integers(len(blocks), size=(_DRAWS, len(blocks)))
+    draws = np.random.default_rng(0).integers(len(blocks), size=(_DRAWS, len(blocks)))
     times_drawn = np.apply_along_axis(np.bincount, 1, draws, minlength=len(blocks))
     chosen = np.concatenate([np.ones((1, len(blocks))), times_drawn]) * weights
     means = chosen @ blocks / chosen.sum(axis=1, keepdims=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,21 @@ from tasks.video import log_light, picture
 _MOST_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
 
 
+_T = TypeVar("_T")
+
+
+class _CachedOnce(cached_property[_T]):
+    """A cached property that one thread computes while the others wait, as before Python 3.12."""
+
+    def __init__(self, compute: Callable[[Any], _T]) -> None:
+        super().__init__(compute)
+        self._lock = threading.RLock()
+
+    def __get__(self, instance: Any, owner: type[Any] | None = None) -> Any:
+        with self._lock:
+            return super().__get__(instance, owner)
+
+
 class ReferenceFrames:
     """Frames, ground truth and log images of one sequence, to compare answers with.
 
@@ -31,7 +47,7 @@ class ReferenceFrames:
     dark_level
         Dark level of the sensors, in the frames' unit of radiance.
     models
-        The sensors, no two with the same width.
+        Models of the sensors; those of one width have the same height and fill factor.
     """
 
     def __init__(
@@ -49,32 +65,32 @@ class ReferenceFrames:
         self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
         self._picturing = threading.Lock()
 
-    @cached_property
+    @_CachedOnce
     def start(self) -> NDArray[np.float32]:
         """(H, W) radiance at the window's start."""
         return self._frame_at(self.sequence.window_s[0])
 
-    @cached_property
+    @_CachedOnce
     def end(self) -> NDArray[np.float32]:
         """(H, W) radiance at the window's end."""
         return self._frame_at(self.sequence.window_s[1])
 
-    @cached_property
+    @_CachedOnce
     def log_start(self) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's start."""
         return self.log(self.start)
 
-    @cached_property
+    @_CachedOnce
     def log_end(self) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's end."""
         return self.log(self.end)
 
-    @cached_property
+    @_CachedOnce
     def log_white(self) -> float:
         """Log intensity of white at the window's end."""
         return log_white_level(self.log_end)
 
-    @cached_property
+    @_CachedOnce
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
         return {

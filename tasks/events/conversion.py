@@ -11,7 +11,7 @@ from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.reading import AS_STORED, MOST_SHIFT_US, Reading
+from tasks.events.reading import AS_STORED, SHIFT_LIMIT_US, Reading
 from tasks.events.truth import COPIED, groups_to_copy
 
 _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
@@ -61,7 +61,7 @@ def convert(
     source, out = Path(source), Path(out)
     if shift_us and from_start:
         raise TaskError("found shift_us and from_start, expected at most one of them")
-    if abs(shift_us) >= MOST_SHIFT_US:
+    if abs(shift_us) >= SHIFT_LIMIT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format, topic=reading.topic)
     check_new(out, overwrite, source)

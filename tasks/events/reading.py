@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sensor import Events
 
-MOST_SHIFT_US = 1 << 62
-"""Least shift of times that is refused; int64 holds the sum of two smaller times."""
+SHIFT_LIMIT_US = 1 << 62
+"""Shifts of times are smaller, so that int64 holds the sum of two."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -87,7 +87,7 @@ class SimulationOptions:
 
 
 FASTEST = 1e9
-"""Factor by which scenes are slower."""
+"""Speeds are below this factor."""
 
 AS_IN_THE_FRAMES = SimulationOptions()
 

@@ -22,7 +22,8 @@ _HUBER = 1.345  # standard deviations
 _SHARES = (0.3, 0.9)
 _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
 NOISY = 0.05
-"""Share of the change of light: if more is unexplained, the filter hides and thresholds are low."""
+"""If a larger share of the change of light is unexplained, the filter cannot be told from it, and
+thresholds are underestimated."""
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 _LEAST_US = 1.0  # delay of a sensor that is not late
 _EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well

@@ -97,7 +97,6 @@ def score_video(
     frames: Frames,
     methods: Sequence[str],
     contrast_threshold: float,
-    equalization: str = "local",
     weights: Mapping[str, str] | None = None,
     on_progress: Progress = silent,
 ) -> list[RecordingScore]:
@@ -111,8 +110,6 @@ def score_video(
         Names, or "package.module:class".
     contrast_threshold
         C for both polarities, log units.
-    equalization
-        As for `tasks.video.picture`.
     weights
         Files of weights by the names of the methods that need them.
     on_progress
@@ -150,8 +147,8 @@ def score_video(
                 return
             t_us, answer = taken
             log_image, failure = image_answer("video", name, answer, blank)
-            truth = picture(frames.log_light(numbers[t_us]), (height, width), equalization)
-            found = picture(log_image, (height, width), equalization)
+            truth = picture(frames.log_light(numbers[t_us]), (height, width))
+            found = picture(log_image, (height, width))
             value = picture_psnr_db(found, truth)
             scores.append(RecordingScore(name, PSNR, value, t_us, failure=failure))
 

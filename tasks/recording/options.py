@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tasks.errors import TaskError
-from tasks.events.reading import MOST_SHIFT_US
+from tasks.events.reading import SHIFT_LIMIT_US
 
 if TYPE_CHECKING:
     from tasks.recording.frames import Frames
@@ -46,7 +46,7 @@ class FrameOptions:
         """Shift of the frames, microseconds; None to estimate it."""
         if self.estimate_shift and self.frames_shift_us is not None:
             raise TaskError("found frames-shift-us and estimate-shift, expected one of them")
-        if abs(self.frames_shift_us or 0) >= MOST_SHIFT_US:
+        if abs(self.frames_shift_us or 0) >= SHIFT_LIMIT_US:
             raise TaskError(
                 f"frames-shift-us: found {self.frames_shift_us}, expected less than 2^62 us from 0"
             )

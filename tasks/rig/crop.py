@@ -43,7 +43,7 @@ EVENTS_NAME = "events.h5"
 
 _ALONG_SIDE = 65  # points of a side, which a lens bends
 _POSITIONS = 33  # positions of the slider at which fields are compared
-_MOST_ROLL_DEG = 20  # beyond, little is left of a box in a rolled box
+_MOST_ROLL_DEG = 20  # beyond, hardly any upright box fits into the rolled one
 _POSES_US = 1000  # time between two written poses and homographies
 
 

@@ -70,7 +70,7 @@ SECTIONS = (
         *("photoreceptor", "Photoreceptor", "Photoreceptor", "photoreceptor.html"),
         compare_photoreceptors,
     ),
-    Section("convergence", "Failures", "Failures", "failures.html"),
+    Section("failures", "Failures", "Failures", "failures.html"),
     Section(
         *("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
         lambda run: run.scaling.keys() & run.scenes or None,

@@ -13,20 +13,18 @@ def capacities_hz(cameras: Mapping[str, SensorPreset] = SENSORS) -> list[float]:
     return sorted(1e6 * bandwidth for bandwidth in stated if bandwidth is not None)
 
 
-def usual_bus_hz(width: int, cameras: Mapping[str, SensorPreset] = SENSORS) -> float:
+def usual_bus_hz(width: int) -> float:
     """Return the capacity of the fastest bus of real cameras up to a width, events/s.
 
     Parameters
     ----------
     width
         Width of the finest sensor of a study, px.
-    cameras
-        Real cameras; those without a stated bandwidth are skipped.
 
     Returns
     -------
     float
         Capacity; that of the slowest bus if all cameras are wider.
     """
-    coarse = {name: one for name, one in cameras.items() if one.model.width <= width}
-    return max(capacities_hz(coarse), default=min(capacities_hz(cameras)))
+    coarse = {name: one for name, one in SENSORS.items() if one.model.width <= width}
+    return max(capacities_hz(coarse), default=min(capacities_hz()))

@@ -74,32 +74,27 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
     return float(np.median(shares)) if shares else None
 
 
-def judged_series(scores: Scores, method: str = TRACKING.method) -> Series | None:
-    """Return the series of a tracking method at the judged perturbation.
+def judged_series(scores: Scores) -> Series | None:
+    """Return the series of `TRACKING` at the judged perturbation.
 
-    This is the largest perturbation from which `TRACKING` reaches `REQUIRED_SUCCESS`.
+    This is the largest perturbation from which it reaches `REQUIRED_SUCCESS`.
 
     Parameters
     ----------
     scores
         Scores of a run.
-    method
-        Name of the method.
 
     Returns
     -------
     Series or None
-        None if no perturbation qualifies or the method was not run at it.
+        None if no perturbation qualifies.
     """
     enough = [
         one
         for one in sweep(scores, TRACKING.method)
         if (success := ideal_success(scores, one)) is not None and success >= REQUIRED_SUCCESS
     ]
-    if not enough:
-        return None
-    judged = enough[-1]._replace(method=method)
-    return judged if judged in scores.series() else None
+    return enough[-1] if enough else None
 
 
 def shown_series(scores: Scores) -> list[Series]:
