@@ -131,7 +131,7 @@ class Camera:
             self._check_lens(self.distortion)
 
     def _check_lens(self, lens: Distortion) -> None:
-        """Refuse a lens that folds the image; a map one-to-one on the border is one-to-one inside."""
+        """Refuse a lens that folds the image; if it does not on the border, it does not inside."""
         grid = self.grid(_BORDER).reshape(_BORDER, _BORDER, 2)
         border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
         xy = lens.undistort((border - (self.cx, self.cy)) / (self.fx, self.fy))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_LAST_BITS = 1e-9  # differences of equal scores are some 1e-15
+LAST_BITS = 1e-9
+"""Differences of equal scores are less: some 1e-15."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,5 +84,5 @@ def number_text(value: float, decimals: int, sign: str = "", *, keeps_minus: boo
     str
         Formatted number.
     """
-    z = "" if keeps_minus and abs(value) > _LAST_BITS else "z"
+    z = "" if keeps_minus and abs(value) > LAST_BITS else "z"
     return f"{value:{sign}{z}.{decimals}f}".replace("-", "−")

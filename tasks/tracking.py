@@ -250,7 +250,19 @@ def tracking_sample(
 
 @lru_cache(maxsize=8)
 def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
-    """Return the rank of each pixel in a random order, (height, width), not to be changed."""
+    """Return the rank of each pixel in a random order.
+
+    Parameters
+    ----------
+    seed
+        Seed of the order.
+    height, width
+        Size of the sensor, px.
+
+    Returns
+    -------
+    (height, width) int32, which is not to be changed.
+    """
     ranks = np.random.default_rng(seed).permutation(height * width).astype(np.int32)
     ranks.flags.writeable = False
     return ranks.reshape(height, width)

@@ -74,6 +74,11 @@ def test_the_table_has_a_line_for_each_method() -> None:
     assert len({len(line) for line in lines[2:]}) == 1
 
 
+def test_a_bar_in_a_name_ends_no_cell() -> None:
+    rows = [replace(one, scene="a|b") for one in paper_rows(scenes=("carpet",), samples=3)]
+    assert r", a\|b |" in overview(choices(rows, EI)).splitlines()[-1]
+
+
 def test_without_the_paper_there_is_no_column_for_it() -> None:
     """Another width than the paper's, and a lost sample: no column of the paper, and a dash."""
     rows = [replace(r, width=r.width + 1, cutoff_hz=2 * r.cutoff_hz) for r in paper_rows()]

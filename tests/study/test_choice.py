@@ -42,6 +42,28 @@ def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
     assert few.tied is None
 
 
+def test_what_does_not_beat_doing_nothing_is_not_tied() -> None:
+    """Promise: of the widths that the samples do not tell from the best, one is named only if it is
+    better than doing nothing."""
+    lead = (-0.6, 0.7, -0.5, 0.6, 0.5, 0.7, -0.4, 0.5, 0.6)
+    rows = [row(640, i, 20.0) for i in range(9)]
+    rows += [row(1280, i, 20 + d) for i, d in enumerate(lead)]
+    for nothing, tied in ((19.9, 640), (20.2, None)):
+        idle = [replace(row(640, i, nothing), method="no_events") for i in range(9)]
+        choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)
+        assert choice is not None
+        assert (choice.enough, choice.worthwhile, choice.tied) == (1280, True, tied)
+
+
+def test_scenes_with_widths_of_their_own_have_their_own_choices() -> None:
+    """Promise: prints of a rig whose crops differ in width are each answered among their own."""
+    rows = [row(w, i, 20.0 + w / 100) for w in (442, 649, 1190) for i in range(9)]
+    rows += [replace(one, scene="rocks", width=one.width - 100) for one in rows]
+    found = choose_all(Scores(rows), EI)
+    picked = {scene: one and one.best for (scene, _, _), one in found.items()}
+    assert picked == {"carpet": 1190, "rocks": 1090}
+
+
 def test_doing_nothing_is_what_a_choice_is_worth() -> None:
     """A width is worthwhile if it beats doing nothing by over 0.1 dB; that is 20.5, 20.95 or 21.5
     dB."""

@@ -9,11 +9,25 @@ import pytest
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.report.figures import figure, figure_files
-from tasks.study.report.plot import Line, Panel, Point, plot, width_keys
+from tasks.study.report.plot import COLORS, Line, Panel, Point, plot, width_keys
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.results.scores import Scores
 
 BUS_HZ = 600e6
+
+
+@pytest.mark.parametrize(("column", "page"), [(0, "#fafbfc"), (1, "#1a1e23")])
+def test_labels_in_the_colors_of_series_can_be_read(column: int, page: str) -> None:
+    """Promise: WCAG AA, a contrast of 4.5, for text in every color of a plot."""
+
+    def luminance(color: str) -> float:
+        codes = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    for name, colors in COLORS.items():
+        light, dark = sorted((luminance(colors[column]), luminance(page)), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) >= 4.5, name
 
 
 def scores(nothing_db: float) -> Scores:

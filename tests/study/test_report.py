@@ -81,7 +81,7 @@ def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path
     page = html_of(tmp_path, [*rows, *lost, *nothing_rows(rows, 3.5)])
     lost = re.search(r"mine\.flow:lost</th><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td>", page)
     assert lost
-    assert lost.groups() == ("0 of 0", "–")
+    assert lost.groups() == ("0 of 180", "0\u202f%")
 
 
 def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
@@ -336,6 +336,15 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
     assert "<figcaption>128 px of events</figcaption>" in page
 
 
+def test_every_picture_has_a_name_of_its_own(tmp_path: Path) -> None:
+    """Promise: the text of a picture, also the caption of the large one, says all that it shows."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    add_previews(run, films=True)
+    names = re.findall(r'alt="([^"]+)"', page_of(run))
+    assert "128 px of events, carpet, ideal, 0.9 m/s" in names
+    assert len(names) == len(set(names)) == len(WIDTHS) + 2
+
+
 def test_films_move_next_to_old_pictures(tmp_path: Path) -> None:
     """Promise: a film is a WebP strip that the page moves and the reader can stop; pictures of
     older runs stay still."""
@@ -343,7 +352,7 @@ def test_films_move_next_to_old_pictures(tmp_path: Path) -> None:
     add_previews(run, films=True)
     page = without_space(page_of(run))
     assert re.search(
-        r'src="data:image/webp;base64,[^"]*" alt="128 px of events" class="film"', page
+        r'src="data:image/webp;base64,[^"]*" alt="128 px of events, [^"]*" class="film"', page
     )
     assert page.count('class="pixels"') == len(WIDTHS)
     assert 'id="play" checked' in page

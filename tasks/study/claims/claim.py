@@ -150,7 +150,9 @@ class SceneClaim(Claim):
         found = self._read(scores, series, scaling)
         outcomes = {scene: one.status for scene, one in found.scenes.items()}
         judged = [scene for scene, one in outcomes.items() if one is not Status.NOT_MEASURED]
-        scope = f"{about} {self._scope(scores, series, judged)}".strip()
+        scope = about
+        if status_of(outcomes.values()) is not Status.NOT_MEASURED:
+            scope = f"{about} {self._scope(scores, series, judged)}".strip()
         lines = found.lines
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""

@@ -196,7 +196,8 @@ def _markdown(columns: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table of columns, whose first texts are the headings."""
     heads, *rows = zip(*columns, strict=True)
     rule = ["---"] * len(columns)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
+    lines = ([cell.replace("|", r"\|") for cell in cells] for cells in (heads, rule, *rows))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def _width_text(choice: Choice | None, *, tied: bool) -> str:

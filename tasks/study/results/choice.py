@@ -30,11 +30,14 @@ class Pick:
     worthwhile
         Whether `best` beats doing nothing by more than the negligible difference. If not, no width
         is recommended.
+    gaining
+        Widths that beat doing nothing, px.
     """
 
     best: int
     enough: int
     worthwhile: bool
+    gaining: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +51,9 @@ class Choice:
     best, enough, worthwhile
         Result of the rule for all widths, as in `Pick`.
     tied
-        Smallest width, smaller than `enough`, that the samples do not separate from the best: the
-        paired 95 % interval of the difference contains zero. None if there is none, or the samples
-        are too few for an interval.
+        Smallest width, smaller than `enough`, that beats doing nothing and that the samples do not
+        separate from the best: the paired 95 % interval of the difference contains zero. None if
+        there is none, or the samples are too few for an interval.
     on_buses
         `enough` of the widths that a bus carries, by the capacity of each bus of real cameras in
         events/s; None if none of them is worthwhile.
@@ -101,7 +104,7 @@ def choose(
     rates: dict[int, float] = {}
     nothing: dict[int, float] = {}
     printed: dict[int, float] = {}
-    for width in scores.widths(series):
+    for width in scores.widths(series, scene):
         condition = Condition(scene, width, cutoff_hz, speed)
         if (median := scores.published(series, condition)) is not None:
             printed[width] = median
@@ -118,7 +121,7 @@ def choose(
         found = pick(carried, nothing, metric) if carried else None
         on_buses[capacity_hz] = found.enough if found and found.worthwhile else None
     best = cells[picked.best]
-    smaller = [width for width in cells if width < picked.enough]
+    smaller = [width for width in cells if width < picked.enough and width in picked.gaining]
     if best.samples < MIN_SAMPLES_FOR_INTERVAL:
         smaller = []
     return Choice(
@@ -156,7 +159,8 @@ def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Met
     best = max(sorted(medians), key=lambda width: metric.sign * medians[width])
     worthwhile = gain(best) > metric.negligible
     near = [w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible]
-    return Pick(best, min(w for w in near if not worthwhile or gain(w) > 0), worthwhile)
+    enough = min(w for w in near if not worthwhile or gain(w) > 0)
+    return Pick(best, enough, worthwhile, frozenset(w for w in medians if gain(w) > 0))
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:

@@ -179,7 +179,7 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    widths = scores.widths(series)
+    widths = scores.widths(series, scene)
     columns, nothings = [], []
     for cutoff_hz in cutoffs_hz:
         where = [Condition(scene, width, cutoff_hz, speed) for width in widths]

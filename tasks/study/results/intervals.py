@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from tasks.metric import number_text
+from tasks.metric import LAST_BITS, number_text
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.cells import Cell
 
@@ -179,13 +179,15 @@ def estimate(
     -------
     Estimate
         The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
-        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. With several trainings, usually very few, the
-        interval is as much wider as Student's t is than what draws of so few find.
+        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. The interval is as much wider than the draws
+        as Student's t says for so few samples, or trainings if those are fewer. Numbers that differ
+        from 0 by rounding, as where equal scores are subtracted, are 0.
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
         each = [statistic(Medians(cells, sign, of_rates, drawn)) for cells in scenes]
-        return np.mean(each, axis=0)
+        found = np.mean(each, axis=0)
+        return np.where(np.abs(found) < LAST_BITS, 0.0, found)
 
     value = float(mean(drawn=False))
     fewest = min(cell.samples for cells in scenes for cell in cells.values())
@@ -193,17 +195,18 @@ def estimate(
         return Estimate(value, None, None)
     ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
     trainings = max(cell.trainings for cells in scenes for cell in cells.values())
-    low, high = value + (ends - value) * [_widening(trainings, tail) for tail in tails]
+    number = fewest if trainings == 1 else min(fewest, trainings)
+    low, high = value + (ends - value) * [_widening(number, tail) for tail in tails]
     return Estimate(value, float(low), float(high))
 
 
-def _widening(trainings: int, tail: float) -> float:
-    """Return how much wider an interval is than its draws of a number of trainings.
+def _widening(number: int, tail: float) -> float:
+    """Return how much wider an interval is than its draws of a number of samples or trainings.
 
-    Draws of T values spread by sqrt((T - 1) / T) of the error of their mean, which besides is
-    estimated from T values: the quantile is that of Student's t, not of a normal distribution.
+    Draws of N values spread by sqrt((N - 1) / N) of the error of their mean, which besides is
+    estimated from N values: the quantile is that of Student's t, not of a normal distribution.
     """
-    if trainings == 1 or tail == 0.0:
+    if tail == 0.0:
         return 1.0
-    quantiles = t.ppf(1.0 - tail, trainings - 1) / norm.ppf(1.0 - tail)
-    return float(quantiles * math.sqrt(trainings / (trainings - 1)))
+    quantiles = t.ppf(1.0 - tail, number - 1) / norm.ppf(1.0 - tail)
+    return float(quantiles * math.sqrt(number / (number - 1)))

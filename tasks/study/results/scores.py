@@ -242,9 +242,22 @@ class Scores:
         """Return the scenes of a series, in the order of the rows."""
         return list(dict.fromkeys(condition.scene for condition in self._rows.get(series, ())))
 
-    def widths(self, series: Series) -> list[int]:
-        """Return the sensor widths of a series, px, ascending."""
-        return sorted({condition.width for condition in self._rows.get(series, ())})
+    def widths(self, series: Series, scene: str | None = None) -> list[int]:
+        """Return the sensor widths of a series, px, ascending.
+
+        Parameters
+        ----------
+        series
+            The series.
+        scene
+            Name of a scene; None for all scenes. Prints of a rig may have widths of their own.
+
+        Returns
+        -------
+        list of int
+        """
+        found = self._rows.get(series, ())
+        return sorted({c.width for c in found if scene is None or c.scene == scene})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
         """Return the cutoffs of a series, Hz, from ideal (inf) down."""
@@ -353,6 +366,10 @@ class Scores:
         if not papers or isinstance(speed, MetersPerSecond):
             return None
         return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
+
+    def answers(self, series: Series) -> int:
+        """Count the scores of a series, those that are not finite included."""
+        return sum(map(len, self._rows.get(series, {}).values()))
 
     def failures(self, series: Series) -> Counter[str]:
         """Count the failures of a series by reason; numbers in the reasons are written as n."""

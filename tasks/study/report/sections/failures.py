@@ -112,7 +112,7 @@ def failure_table(scores: Scores) -> Table | None:
     for one in scores.series():
         if TASKS[one.task].share_column is None:
             continue
-        total = sum(len(scores.cell(one, where).values) for where in scores.conditions(one))
+        total = scores.answers(one)
         reasons = scores.failures(one)
         failed = reasons.total()
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))

@@ -42,9 +42,9 @@ def tradeoff_plots(
     dict
         Plots by scene.
     """
-    keys = width_keys(scores.widths(series), scores.sensor_names, labeled=True)
     found = {}
     for scene in scores.scenes(series):
+        keys = width_keys(scores.widths(series, scene), scores.sensor_names, labeled=True)
         panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
         found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
     return found
@@ -88,7 +88,7 @@ def score_plot(
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
     lines, baselines = [], set()
-    for width in scores.widths(series):
+    for width in scores.widths(series, scene):
         where = [Condition(scene, width, cutoff_hz, s) for s in scores.speeds(series, scene)]
         lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
         idle = [scores.baseline(series, at).median for at in where]
