@@ -95,7 +95,9 @@ class SensorModel:
         C / 10.
     leak_hz
         Rate of ON events of a pixel in constant light, due to junction leakage in its reset switch
-        (Nozaki and Delbruck 2017; 0.1 Hz is usual).
+        (Nozaki and Delbruck 2017; 0.1 Hz is usual). It is that of the threshold C: with mismatch a
+        pixel of threshold C_i leaks at C / C_i times this rate, 2 % more in the mean at usual
+        values.
     shot_noise_hz
         Rate of noise events of a pixel in the dark, ON and OFF together, a Poisson process. The
         rate in light is lower by the factor ((I + I_dark) / I_dark) ** -shot_noise_exponent.

@@ -160,13 +160,14 @@ class Sender:
         Raises
         ------
         EventError
-            The part differs in size from the one before it, starts before its end, or not
-            after -2^62 us.
+            The part differs in size from the one before it, starts before its end, or has times
+            of 2^62 us or more.
         """
-        if len(part) and part.t_us[0] <= -fifo.END_OF_TIME_US:  # differences would overflow
-            raise EventError(
-                f"read_out: found an event at {part.t_us[0]} us, expected all after -2^62 us"
-            )
+        for t_us in part.t_us[[0, -1]].tolist() if len(part) else ():
+            if abs(t_us) >= fifo.END_OF_TIME_US:  # differences would overflow
+                raise EventError(
+                    f"read_out: found an event at {t_us} us, expected all within 2^62 us of 0"
+                )
         if self._waiting is None or self._held is None:
             self._waiting, self._held = _Queue(self._readout, part.height), part[:0].copy()
         held = self._held

@@ -34,6 +34,7 @@ from sensor.events import Columns, Events
 from sensor.levels import DARK_FRACTION, white_level
 from sensor.model import SensorModel
 
+_LEAST_WHITE, _MOST_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
@@ -88,6 +89,11 @@ class Bank:
             raise SensorError(
                 f"{name}: found None and a black first frame, which gives no white level, "
                 f"expected a value for SensorModel.{name}"
+            )
+        if not _LEAST_WHITE <= white <= _MOST_WHITE:
+            raise SensorError(
+                f"{name}: found None and a white level of {white:g} in the first frame, expected "
+                f"{_LEAST_WHITE:g} to {_MOST_WHITE:g}, or a value for SensorModel.{name}"
             )
         return white
 

@@ -125,7 +125,7 @@ def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:
         The frame times.
     """
     arrays: tuple[NDArray, ...] = columns
-    for each_us in frame_us:
+    for each_us in np.unique(frame_us):  # many frames may share a microsecond
         tie = slice(*np.searchsorted(columns.t_us, (each_us, each_us + 1)))
         order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable
         for array in arrays:

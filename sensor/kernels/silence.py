@@ -97,7 +97,8 @@ def flag_ideal(light, f, pixels, fade, light_band, flag):
     if light.double.size > 0:
         flag_outside(light.double[f, pixels], light.dark, fade, light_band, flag)
     else:
-        dark, fade_32 = np.float32(light.dark), np.float32(fade)
+        # Next to the subnormals a float32 has few digits; 0 flags all, which is safe.
+        dark, fade_32 = np.float32(light.dark), np.float32(fade if fade > 1e-30 else 0.0)
         flag_outside(light.single[f, pixels], dark, fade_32, light_band, flag)
 
 

@@ -262,6 +262,26 @@ def test_bad_models_are_refused(kwargs, text):
         SensorModel(**{"width": 4, "height": 4, **kwargs})
 
 
+@pytest.mark.parametrize("radiance", [1e305, 1e-298])
+def test_light_that_gives_no_dark_level_is_named(radiance):
+    frames = np.full((2, 2, 2), radiance)
+    with pytest.raises(SensorError, match=r"dark_level: found None and a white level of 1e"):
+        simulate(frames, [0.0, 1.0], SensorModel(width=2, height=2))
+
+
+def test_levels_that_leaked_below_single_precision_are_not_taken_for_silent(monkeypatch):
+    """Promise: float32 frames give the events of float64 frames, in chunks of any length, where the
+    memory falls by 100 log units within a chunk, too."""
+    electronics = {"contrast_threshold": 5.0, "leak_hz": 4.1857142857 / 5, "random_start": True}
+    model = SensorModel(width=60, height=60, dark_level=1e-6, **electronics)
+    frames, t_s = np.full((29, 60, 60), 1e-6, np.float32), np.arange(29.0)
+    single, double = simulate(frames, t_s, model), simulate(frames.astype(np.float64), t_s, model)
+    monkeypatch.setattr(devices, "_CHUNK_FRAMES", 8)
+    in_parts = simulate(frames, t_s, model)
+    for one in (double, in_parts):
+        assert_same(single, one)
+
+
 def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
     """Promise: no upsampling of light, no logarithm of 0."""
     frames, t_s = scene
