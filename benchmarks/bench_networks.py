@@ -27,7 +27,7 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     import torch
 
     from tasks.learned import cpu
-    from tasks.learned.e2vid import E2vid
+    from tasks.learned.e2vid import E2vidNetwork
     from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
     from tasks.learned.eraft import ERaft
     from tasks.learned.eraft_network import ERAFT
@@ -39,9 +39,9 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
         cpu.has_bfloat16 = lambda: False
     rng = np.random.default_rng(0)
     if name == "e2vid":
-        images = E2vid(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS)))
+        images = E2vidNetwork(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS)))
     elif name == "our_reconstruction":
-        images = E2vid(Reconstruction(ReconstructionTraining(), "all", 0).network)
+        images = E2vidNetwork(Reconstruction(ReconstructionTraining(), "all", 0).network)
     else:
         images = None
         narrower = FlowTraining().narrower if name == "our_flow" else 1

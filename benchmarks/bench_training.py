@@ -12,30 +12,22 @@ import numpy as np
 import torch
 from process_times import Times, times_now
 
-from tasks.learned.cpu import has_bfloat16
 from tasks.learned.training.flow import Flow
+from tasks.learned.training.loop import learn, optimizer_of
 from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
-from tasks.learned.training.settings import FLOWS, RECONSTRUCTIONS
+from tasks.learned.training.settings import FLOWS, RECONSTRUCTIONS, Schedule
 
 
-def measure(problem: Problem, steps: int) -> tuple[Times, Times]:
+def measure(problem: Problem, schedule: Schedule, steps: int) -> tuple[Times, Times]:
     """Return the mean times of making a batch and of learning from it."""
-    optimizer = torch.optim.AdamW(problem.network.parameters())
+    optimizer = optimizer_of(problem, schedule)
     making, learning = [], []
     for step in range(steps + 1):  # the first one compiles
         start = times_now()
         batch = problem.batch(step)
         made = times_now()
-        losses = problem.losses(batch)
-        while True:
-            with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
-                loss = next(losses, None)
-            if loss is None:
-                break
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            optimizer.step()
+        learn(problem, schedule, optimizer, step, batch, torch.device("cpu"))
         making.append(made - start)
         learning.append(times_now() - made)
     return Times(*np.mean(making[1:], axis=0)), Times(*np.mean(learning[1:], axis=0))
@@ -51,7 +43,7 @@ def main() -> None:
         settings = known[arguments.config]
         problem = kind(settings, "all", 0)
         problem.network.train()
-        making, learning = measure(problem, arguments.steps)
+        making, learning = measure(problem, settings.schedule, arguments.steps)
         hours = settings.schedule.steps * (making.cpu_s + learning.cpu_s) / 3600
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
         weights = sum(one.numel() for one in problem.network.parameters())

@@ -28,7 +28,7 @@ _BYTES_OF_ENLARGED = 80
 _KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
-class E2vid:
+class E2vidNetwork:
     """E2VID with its weights.
 
     Parameters
@@ -145,7 +145,7 @@ def reflected(grid: Tensor, multiple: int) -> Tensor:
     return functional.pad(grid, sides, mode="reflect") if any(sides) else grid
 
 
-def load(file: Path) -> E2vid:
+def load(file: Path) -> E2vidNetwork:
     """Read E2VID's weights.
 
     Parameters
@@ -174,7 +174,7 @@ def load(file: Path) -> E2vid:
     with torch.device("meta"):
         network = E2VIDRecurrent(options)
     load_into(network, state, file)
-    return E2vid(network)
+    return E2vidNetwork(network)
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:

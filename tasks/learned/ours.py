@@ -18,7 +18,7 @@ from tasks.learned.checkpoint import (
     tensors_of,
     write_checkpoint,
 )
-from tasks.learned.e2vid import E2vid, options_of
+from tasks.learned.e2vid import E2vidNetwork, options_of
 from tasks.learned.e2vid_network import E2VIDRecurrent
 from tasks.learned.eraft import ERaft
 from tasks.learned.eraft_network import ERAFT
@@ -31,7 +31,7 @@ _FIRST = "fnet.conv1.weight"
 _CHANNELS = 64  # of E-RAFT's first layer as published
 
 
-class OurReconstruction(E2vid):
+class OurReconstructionNetwork(E2vidNetwork):
     """Our network for reconstruction, with its weights; see `tasks.methods.our_reconstruction`."""
 
     @property
@@ -75,7 +75,7 @@ def save(
     write_checkpoint(file, content)
 
 
-def _reconstruction(file: Path, light: str) -> OurReconstruction:
+def _reconstruction(file: Path, light: str) -> OurReconstructionNetwork:
     state = _weights(file, RECONSTRUCTION, light)
     options = options_of(state, file)
     if options.num_bins < len(DECAYS) + 2:
@@ -86,7 +86,7 @@ def _reconstruction(file: Path, light: str) -> OurReconstruction:
     with torch.device("meta"):
         network = E2VIDRecurrent(options)
     load_into(network, state, file)
-    return OurReconstruction(network, "our reconstruction")
+    return OurReconstructionNetwork(network, "our reconstruction")
 
 
 def _flow(file: Path, light: str) -> ERaft:

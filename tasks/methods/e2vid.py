@@ -52,17 +52,17 @@ def even_window_us(step_us: float) -> float:
 
 
 class Network(Protocol):
-    """`tasks.learned.e2vid.E2vid`."""
+    """`tasks.learned.e2vid.E2vidNetwork`."""
 
     @property
     def bins(self) -> int: ...
 
     def check_size(self, width: int, height: int) -> None:
-        """As `E2vid.check_size`."""
+        """As `E2vidNetwork.check_size`."""
         ...
 
     def image(self, grid: NDArray[np.float32], states: Any) -> tuple[NDArray[np.float32], Any]:
-        """As `E2vid.image`."""
+        """As `E2vidNetwork.image`."""
         ...
 
 

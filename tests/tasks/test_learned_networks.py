@@ -22,8 +22,7 @@ from sensor.representations import voxel_grid
 from small_study import only, tiny_study
 from tasks.errors import WeightsError
 from tasks.evaluation.settings import check_methods
-from tasks.methods.e2vid import DARKEST
-from tasks.methods.e2vid import E2vid as E2vidImages
+from tasks.methods.e2vid import DARKEST, E2vid
 from tasks.recording.evaluate import evaluate_recording
 from tasks.recording.frames import open_frames
 from tasks.recording.options import FlowOptions, VideoOptions
@@ -165,7 +164,7 @@ def test_e2vids_images_from_events_equal_the_published_code(saved, monkeypatch):
     monkeypatch.setattr(cpu, "has_bfloat16", lambda: False)
     file = saved(e2vid_checkpoint("lightweight"), "lightweight.pth")
     network = e2vid.load(file)
-    method = E2vidImages(40, 30, 0.2, network=network, window_us=50_000.0)
+    method = E2vid(40, 30, 0.2, network=network, window_us=50_000.0)
     for k, described in enumerate(E2VID["chain_lightweight_40x30"]):
         events, _ = hashed_events(f"stream{k}", 5000, 40, 30, 50_000)
         later = events.t_us + 50_000 * k
@@ -180,7 +179,7 @@ def test_e2vids_images_are_those_of_its_padded_windows(monkeypatch):
     of the window before, and the image is cut out again; 10 x 7 px become 12 x 8."""
     monkeypatch.setattr(cpu, "has_bfloat16", lambda: False)
     network, states = e2vid_network("small"), None
-    method = E2vidImages(10, 7, 0.2, network=e2vid.E2vid(network), window_us=50_000.0)
+    method = E2vid(10, 7, 0.2, network=e2vid.E2vidNetwork(network), window_us=50_000.0)
     events, _ = hashed_events("stream", 600, 10, 7, 100_000)
     method.push(events)
     for start_us in (0, 50_000):

@@ -83,7 +83,7 @@ def train(
         return {light: list(found) for light, found in read_scores(folder).scores.items()}
     place = device_of(device)
     problem.network.to(place).train()
-    optimizer = torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
+    optimizer = optimizer_of(problem, schedule)
     progress = load_checkpoint(folder, problem.network, optimizer)
     on_progress("held-out crops", progress.step, schedule.steps)
     problem.hold_out()
@@ -91,7 +91,7 @@ def train(
     before_s = progress.seconds
     with _made_ahead(problem, progress.step, schedule.steps) as batches:
         for batch in batches:
-            loss = _step(problem, schedule, optimizer, progress.step, batch, place)
+            loss = learn(problem, schedule, optimizer, progress.step, batch, place)
             progress.losses.append(loss)
             progress.step += 1
             now_s = time.monotonic()
@@ -178,7 +178,22 @@ def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[lis
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _step(
+def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
+    """Return the optimizer of a training.
+
+    Parameters
+    ----------
+    problem, schedule
+        What is trained, and how.
+
+    Returns
+    -------
+    The optimizer; `learn` sets its rate.
+    """
+    return torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
+
+
+def learn(
     problem: Problem,
     schedule: Schedule,
     optimizer: torch.optim.Optimizer,
@@ -186,7 +201,28 @@ def _step(
     batch: list[Tensor],
     place: torch.device,
 ) -> float:
-    """Learn from a batch; return the mean loss."""
+    """Learn from a batch.
+
+    Parameters
+    ----------
+    problem, schedule, optimizer
+        What is trained, and how.
+    step
+        Number of the step.
+    batch
+        What `Problem.batch` returned for it.
+    place
+        Where to compute.
+
+    Returns
+    -------
+    The mean loss.
+
+    Raises
+    ------
+    TrainingError
+        The loss is not finite.
+    """
     for group in optimizer.param_groups:
         group["lr"] = schedule.rate(step)
     losses = problem.losses([one.to(place) for one in batch])
