@@ -198,7 +198,7 @@ def test_frames_of_a_scene_with_depth(tmp_path, room):
         ),
         ([("[1.0, 0.0, 1.5]", "[2.5, 0.0, 1.5]")], "the camera is inside a solid or behind a wall"),
         ([("[1.0, 0.0, 1.5]", "[0.1, 0.0, 1.5]")], "inside a solid .* shape 'ball'"),
-        ([("0.2\nup", "0.001\nup"), ("[0.0, 1.0, 1.6]", "[0.0, 2.5, 1.6]")], "shape 'north'"),
+        ([("0.2\nup", "0.005\nup"), ("[0.0, 1.0, 1.6]", "[0.0, 2.5, 1.6]")], "shape 'north'"),
     ],
 )
 def test_a_path_into_things_is_refused_before_anything_is_written(tmp_path, changes, message):
