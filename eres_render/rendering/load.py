@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from eres_render.errors import SceneError
+from eres_render.scene.ply import check_faces
 from eres_render.scene.scene import Scene
 from eres_render.storage.exr import check_readable, read_half
 
@@ -60,14 +61,16 @@ def load_mi_scene(
     SceneError
         If Mitsuba refuses the scene.
     RenderError
-        If an OpenEXR image of it is damaged.
+        If an OpenEXR image of it is damaged, or a face of a PLY mesh lacks a vertex.
     """
     import mitsuba as mi
 
     textures = scene.texture_files()
-    for image in (*map(Path, textures.values()), *scene.files):
-        if image.suffix.lower() == ".exr":
-            check_readable(image)
+    for file in (*map(Path, textures.values()), *scene.files):
+        if file.suffix.lower() == ".exr":
+            check_readable(file)
+        elif file.suffix.lower() == ".ply":
+            check_faces(file)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
     with files_of(scene):
