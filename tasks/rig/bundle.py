@@ -308,6 +308,27 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
     return RigPose(R, origin, direction / np.linalg.norm(direction))
 
 
+def inverse_of(jacobian: Float64, length: Float64) -> tuple[Float64, Float64, Float64]:
+    """Return what gives the covariance of a fit, from its Jacobian with columns of length 1.
+
+    Parameters
+    ----------
+    jacobian
+        (M, P) derivatives of the residuals.
+    length
+        (P,) lengths of its columns, positive.
+
+    Returns
+    -------
+    singular, directions, half
+        The singular values, (P,), and right singular vectors, (P, P), of the scaled Jacobian, and
+        the matrix whose square half.T @ half is the covariance for residuals of variance 1.
+    """
+    _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore"):  # the caller refuses a singular one
+        return singular, directions, directions / singular[:, None] / length
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class _Model:
     """Residuals as a function of the parameters, which are relative to a first guess."""
@@ -387,7 +408,7 @@ class _Model:
         names = self.unknowns.names()
         if not np.all(length > 0):
             raise RigError(f"solve: the corners do not depend on {names[int(np.argmin(length))]}")
-        _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
+        singular, directions, half = inverse_of(jacobian, length)
         if singular[-1] < _WORST_CONDITION * singular[0]:
             open_one = names[int(np.argmax(abs(directions[-1])))]
             raise RigError(
@@ -396,7 +417,6 @@ class _Model:
                 f"{_WORST_CONDITION:g}"
             )
         variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
-        half = directions / singular[:, None] / length
         extra = self._extra(values)
         return Solution(
             pose=self.pose(values),

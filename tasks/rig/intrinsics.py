@@ -23,6 +23,7 @@ from eres_render.progress import Progress, silent
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.rig.bundle import inverse_of
 from tasks.rig.markers import gray_codes
 from tasks.video import ImageTaker
 
@@ -224,13 +225,13 @@ def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
     length = np.linalg.norm(jacobian, axis=0)
     if not np.all(length > 0):
         return np.full(intrinsic, np.inf)
-    _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
+    singular, _, half = inverse_of(jacobian, length)
     if not singular[-1] > 1e-12 * singular[0]:
         return np.full(intrinsic, np.inf)
     count, unknowns = jacobian.shape
     variance = rms_px**2 * (count / 2) / max(count - unknowns, 1)
-    found: Float64 = np.linalg.norm(directions / singular[:, None], axis=0) / length
-    return math.sqrt(variance) * found[:intrinsic]
+    found: Float64 = math.sqrt(variance) * np.linalg.norm(half, axis=0)
+    return found[:intrinsic]
 
 
 def intrinsics(

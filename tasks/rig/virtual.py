@@ -197,7 +197,8 @@ def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
         _write_facts(Path(folder), page, slider, pose)
         for file in Path(folder).iterdir():
             found = out / file.name
-            if found.read_bytes() != file.read_bytes() if found.exists() else virtual:
+            differs = found.read_bytes() != file.read_bytes() if found.exists() else virtual
+            if differs:
                 raise RigError(
                     f"{found}: found that of another rig or depth, expected a new folder, or the "
                     "same rig and depth to continue"

@@ -294,6 +294,15 @@ def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
         assert medians[k] == pytest.approx(np.median(pooled))
 
 
+def holds_zero(values: np.ndarray, sample: np.ndarray, training: np.ndarray, k: int) -> bool:
+    """Return whether the interval of the median of values, in draw k, holds 0."""
+    cell = Cell(f"scene {k % 8}", values, values, values > 9, sample, training, values.size)
+    found = estimate(lambda medians: medians["a"], {"a": cell})
+    assert found.low is not None
+    assert found.high is not None
+    return found.low < 0 < found.high
+
+
 @pytest.mark.parametrize("trainings", [2, 3, 5])
 def test_intervals_over_few_trainings_cover_the_mean_of_all(trainings: int) -> None:
     """Promise: 95 % intervals hold the true value in about 95 % of cases, though 2 or 3 trainings
@@ -303,11 +312,7 @@ def test_intervals_over_few_trainings_cover_the_mean_of_all(trainings: int) -> N
     covered = 0
     for k in range(300):
         values = rng.normal(size=trainings)[training] + 0.1 * rng.normal(size=sample.size)
-        cell = Cell(f"scene {k % 8}", values, values, values > 9, sample, training, values.size)
-        found = estimate(lambda medians: medians["a"], {"a": cell})
-        assert found.low is not None
-        assert found.high is not None
-        covered += found.low < 0 < found.high
+        covered += holds_zero(values, sample, training, k)
     assert covered / 300 > 0.9
 
 
@@ -320,12 +325,7 @@ def test_intervals_over_few_samples_cover_the_median_of_all(samples: int, items:
     covered = 0
     for k in range(300):
         values = rng.normal(size=samples)[sample] + (items > 1) * rng.normal(size=sample.size)
-        training = np.zeros_like(sample)
-        cell = Cell(f"scene {k % 8}", values, values, values > 9, sample, training, values.size)
-        found = estimate(lambda medians: medians["a"], {"a": cell})
-        assert found.low is not None
-        assert found.high is not None
-        covered += found.low < 0 < found.high
+        covered += holds_zero(values, sample, np.zeros_like(sample), k)
     assert covered / 300 > 0.915
 
 

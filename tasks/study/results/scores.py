@@ -256,8 +256,7 @@ class Scores:
         -------
         list of int
         """
-        found = self._rows.get(series, ())
-        return sorted({c.width for c in found if scene is None or c.scene == scene})
+        return sorted({c.width for c in self._conditions(series, scene)})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
         """Return the cutoffs of a series, Hz, from ideal (inf) down."""
@@ -278,8 +277,7 @@ class Scores:
         list of float
             Factors on the base speed, or `MetersPerSecond`.
         """
-        found = self._rows.get(series, ())
-        return sorted({c.speed for c in found if scene is None or c.scene == scene}, key=_order)
+        return sorted({c.speed for c in self._conditions(series, scene)}, key=_order)
 
     def conditions(self, series: Series) -> list[Condition]:
         """Return the conditions of a series, in the order of the rows."""
@@ -379,6 +377,9 @@ class Scores:
             for row in values.values()
             if row.failure
         )
+
+    def _conditions(self, series: Series, scene: str | None) -> list[Condition]:
+        return [c for c in self.conditions(series) if scene is None or c.scene == scene]
 
     def _nothing(self, series: Series, condition: Condition) -> _Values:
         baseline = TASKS[series.task].baseline
