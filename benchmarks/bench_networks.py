@@ -17,6 +17,8 @@ import sys
 import numpy as np
 from process_times import times_now
 
+from tasks.learned import cpu
+
 E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_conv": False}
 NETWORKS = ("e2vid", "our_reconstruction", "eraft", "our_flow")
 WIDTHS = (128, 240, 346, 640, 1280)
@@ -26,7 +28,6 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     """Run a network on noise; return a line of the table."""
     import torch
 
-    from tasks.learned import cpu
     from tasks.learned.e2vid import E2vidNetwork
     from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
     from tasks.learned.eraft import ERaft

@@ -19,7 +19,7 @@ _ANSWER_S = {
         "contrast_maximization_by_gradient": 0.017,
         "contrast_maximization_by_plain_variance": 0.0035,
     },
-    "dense_flow": {"eraft": 31.0, "our_flow_ideal_light": 6.3, "our_flow_all_light": 6.3},
+    "dense_flow": {"eraft": 20.0, "our_flow_ideal_light": 3.2, "our_flow_all_light": 3.2},
 }
 _WINDOW_S = {  # of one window at 1280 px
     "e2vid": 9.1,

@@ -1,22 +1,30 @@
 """Correlation of all pairs of cells, and the part of it that E-RAFT looks up.
 
 All pairs at 1280 px take 3.5 GB. A look-up needs few of them: those of each old cell with the new
-ones around its place. So a few rows of old cells at a time are correlated with the rows of new
-cells that they look at, looked up, and dropped.
+ones around its place. A kernel of ours computes just these. It has no gradients and no GPU; there,
+a few rows of old cells at a time are correlated with the rows of new cells that they look at,
+looked up, and dropped.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from tasks.cpu_time import add_cpu_s
+from tasks.learned.correlation_kernel import RADIUS, SIDE, look_up
+
 LEVELS = 4
-RADIUS = 4
-CHANNELS = LEVELS * (2 * RADIUS + 1) ** 2
+_PLACES = (2 * RADIUS + 1) ** 2  # around each cell
+CHANNELS = LEVELS * _PLACES
 _CELLS = 640  # old cells of an image at a time, at least a row
+_BANDS_A_THREAD = 4  # so that other threads take over the work of a delayed one
 
 
 class Correlation:
@@ -32,7 +40,7 @@ class Correlation:
     """
 
     def __init__(self, old: Tensor, new: Tensor) -> None:
-        self._old = old.permute(0, 2, 3, 1).float() / math.sqrt(old.shape[1])
+        self._old = (old.permute(0, 2, 3, 1).float() / math.sqrt(old.shape[1])).contiguous()
         self._new = [new.float()]
         for _ in range(1, LEVELS):
             self._new.append(functional.avg_pool2d(self._new[-1], 2))
@@ -50,6 +58,8 @@ class Correlation:
         (N, 324, h, w): level by level, then column by column of the offsets from -4 to 4,
         interpolated bilinearly, 0 outside the image.
         """
+        if at.is_cpu and not (self._old.requires_grad or self._new[0].requires_grad):
+            return self._look_up_by_kernel(at)
         rows = max(1, _CELLS // at.shape[3])
         places = at.permute(0, 2, 3, 1)
         blocks = zip(self._old.split(rows, dim=1), places.split(rows, dim=1), strict=True)
@@ -61,6 +71,28 @@ class Correlation:
                 for block in blocks
             ]
         return torch.cat(found, dim=2)
+
+    def _look_up_by_kernel(self, at: Tensor) -> Tensor:
+        old, places = self._old.numpy(), at.numpy()
+        new = [level.permute(0, 2, 3, 1).contiguous().numpy() for level in self._new]
+        found = np.empty((*old.shape[:3], CHANNELS), np.float32)
+        threads = torch.get_num_threads()
+        rows = np.linspace(0, old.shape[1], threads * _BANDS_A_THREAD + 1).astype(int)
+
+        def band(k: int) -> float:
+            started_s = time.thread_time()
+            products = np.empty((SIDE, SIDE), np.float32)
+            for image in range(len(old)):
+                for level, here in enumerate(new):
+                    around = found[image, ..., _PLACES * level : _PLACES * (level + 1)]
+                    scale = np.float32(0.5**level)
+                    inputs = old[image], here[image], scale, places[image]
+                    look_up(rows[k], rows[k + 1], *inputs, products, around)
+            return time.thread_time() - started_s
+
+        with ThreadPoolExecutor(threads) as workers:
+            add_cpu_s(sum(workers.map(band, range(len(rows) - 1))))
+        return torch.from_numpy(found).permute(0, 3, 1, 2)
 
 
 def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:

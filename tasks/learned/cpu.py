@@ -7,7 +7,6 @@ need twice the memory and share the same cores.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -17,7 +16,7 @@ from typing import Any, TypeVar
 import torch
 
 from eres_render.cores import cores
-from tasks.cpu_time import add_cpu_s
+from tasks.cpu_time import add_cpu_s, cpu_s
 
 T = TypeVar("T")
 _THREADS = Path("/proc/self/task")  # Linux
@@ -40,8 +39,8 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
     -------
     What the function returns.
     """
-    answer, cpu_s = _networks.submit(_counted, function, arguments).result()
-    add_cpu_s(cpu_s)
+    answer, spent_s = _networks.submit(_counted, function, arguments).result()
+    add_cpu_s(spent_s)
     return answer
 
 
@@ -52,10 +51,10 @@ def has_bfloat16() -> bool:
 
 def _counted(function: Callable[..., T], arguments: tuple[Any, ...]) -> tuple[T, float]:
     helpers = _helpers()
-    started_s = time.thread_time() + _cpu_s(helpers)
+    started_s = cpu_s() + _cpu_s_of(helpers)
     with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
         answer = function(*arguments)
-    return answer, time.thread_time() + _cpu_s(helpers) - started_s
+    return answer, cpu_s() + _cpu_s_of(helpers) - started_s
 
 
 @cache
@@ -75,7 +74,7 @@ def _running() -> set[str]:
     return {thread.name for thread in _THREADS.iterdir()}
 
 
-def _cpu_s(threads: tuple[str, ...]) -> float:
+def _cpu_s_of(threads: tuple[str, ...]) -> float:
     return 1e-9 * sum(
         int((_THREADS / thread / "schedstat").read_text().split()[0]) for thread in threads
     )
