@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, arg
@@ -39,5 +41,22 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
             argument.description = " ".join((argument.description or "").split())
             argument.default = None  # parsed from "by default ..."; compose adds it to the name
         function.__doc__ = docstring_parser.compose(described)
+        _hide_unset(function)
         app.command(help=described.short_description if overview else None)(function)
     return app
+
+
+def _hide_unset(function: Callable[..., Any]) -> None:
+    """Hide the defaults None and False, which tyro would print after the help of an option.
+
+    Parameters
+    ----------
+    function
+        A command, or a dataclass of options; its annotations change.
+    """
+    plain, whole = get_type_hints(function), get_type_hints(function, include_extras=True)
+    for name, parameter in inspect.signature(function).parameters.items():
+        if is_dataclass(plain[name]):
+            _hide_unset(plain[name])
+        elif parameter.default is None or parameter.default is False:
+            function.__annotations__[name] = Annotated[whole[name], arg(help_behavior_hint="")]
