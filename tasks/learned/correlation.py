@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -30,8 +32,8 @@ _BANDS_A_THREAD = 4  # so that other threads take over the work of a delayed one
 class Correlation:
     """Correlation of every old cell with every new one, at four resolutions of the new ones.
 
-    The average over new cells commutes with the inner product: the new features are pooled, and
-    each level is one matrix product. Everything is in float32.
+    The average over new cells commutes with the inner product, so the new features are pooled.
+    Everything is in float32.
 
     Parameters
     ----------
@@ -72,9 +74,13 @@ class Correlation:
             ]
         return torch.cat(found, dim=2)
 
+    @cached_property
+    def _new_by_cell(self) -> list[NDArray[np.float32]]:
+        """Return (N, h', w', channels) features at each resolution, as the kernel takes them."""
+        return [level.permute(0, 2, 3, 1).contiguous().numpy() for level in self._new]
+
     def _look_up_by_kernel(self, at: Tensor) -> Tensor:
-        old, places = self._old.numpy(), at.numpy()
-        new = [level.permute(0, 2, 3, 1).contiguous().numpy() for level in self._new]
+        old, levels, places = self._old.numpy(), self._new_by_cell, at.contiguous().numpy()
         found = np.empty((*old.shape[:3], CHANNELS), np.float32)
         threads = torch.get_num_threads()
         rows = np.linspace(0, old.shape[1], threads * _BANDS_A_THREAD + 1).astype(int)
@@ -83,10 +89,10 @@ class Correlation:
             started_s = time.thread_time()
             products = np.empty((SIDE, SIDE), np.float32)
             for image in range(len(old)):
-                for level, here in enumerate(new):
+                for level, new in enumerate(levels):
                     around = found[image, ..., _PLACES * level : _PLACES * (level + 1)]
                     scale = np.float32(0.5**level)
-                    inputs = old[image], here[image], scale, places[image]
+                    inputs = old[image], new[image], scale, places[image]
                     look_up(rows[k], rows[k + 1], *inputs, products, around)
             return time.thread_time() - started_s
 
