@@ -195,7 +195,7 @@ def read_header(path: Path) -> Header:
             with said(f"attribute {name}"):
                 if name in file.attrs:
                     value = file.attrs[name]
-                    found[name] = int(value) if name in ("width", "height") else _text(value)
+                    found[name] = _whole(value) if name in ("width", "height") else _text(value)
         offset_us = _read_offset_us(file)
         with said("names"):
             others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, _PLACES))
@@ -217,10 +217,17 @@ def _strangers(names: Iterable[str], known: Container[str]) -> Iterator[str]:
 
 def _read_offset_us(file: Any) -> int:
     with said("t_offset"):
-        offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
+        offset_us = _whole(file["t_offset"][()]) if "t_offset" in file else 0
     if abs(offset_us) >= _MAX_OFFSET_US:
         raise EventFormatError(f"t_offset: found {offset_us} us, expected less than 2^62 us from 0")
     return offset_us
+
+
+def _whole(value: Any) -> int:
+    whole = int(value)
+    if whole != value:
+        raise ValueError(f"found {value}, expected a whole number")
+    return whole
 
 
 def _text(value: Any) -> str:

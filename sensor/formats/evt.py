@@ -10,6 +10,7 @@
     % sensor_model {"width": 1280, ...}     ours: if the events have a model
     % origin {"seed": 3}                    ours
     % t0 1600000000000000                   faery's: offset of all times, microseconds
+    % t_offset 1000000                      ours: start of the clock, if it is not t0
     % end
 
 Lines are `% key value`; readers ignore unknown keys. Words follow, little-endian.
@@ -73,7 +74,7 @@ _MAX_HEADER_BYTES = 1 << 20
 
 _FIELDS = {
     *("evt", "format", "geometry", "endianness", "end"),
-    *("event_count", "trigger_count", "sensor_model", "origin", "t0"),
+    *("event_count", "trigger_count", "sensor_model", "origin", "t0", "t_offset"),
 }
 
 
@@ -150,6 +151,8 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     start_us = _start_us(header, first)
     if start_us:
         lines.append(f"t0 {start_us}")
+    if start_us != header.t_offset_us:
+        lines.append(f"t_offset {header.t_offset_us}")
     triggers = header.triggers.later(-start_us)
     if len(triggers):
         lines.append(f"trigger_count {len(triggers)}")
@@ -227,7 +230,7 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
     if first_us < 0 or last_us >= MAX_TIME_US:
         raise EventFormatError(
             f"{codec.name}: found triggers from {first_us} to {last_us} us, expected 0 to "
-            f"{MAX_TIME_US - 1} us"
+            f"{MAX_TIME_US - 1} us; shift the clock first (--shift-us)"
         )
     if triggers.channel.max() >= codec.layout.channels:
         raise EventFormatError(
@@ -238,11 +241,13 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
 
 def _start_us(header: Header, first: Events) -> int:
     """Return `t0`: the start of the clock if the times are too large without it."""
+    if abs(header.t_offset_us) > _MOST:
+        raise EventFormatError(
+            f"found a clock that starts at {header.t_offset_us} us, expected at most 2^62 us from 0"
+        )
     too_late = len(first) and first.t_us[0] >= _MAX_START_US
-    start_us = max(0, header.t_offset_us) if too_late else 0
-    if start_us > _MOST:
-        raise EventFormatError(f"found a clock that starts at {start_us} us, expected 0 to {_MOST}")
-    return start_us
+    earlier = len(first) and 0 < header.t_offset_us <= first.t_us[0]
+    return header.t_offset_us if too_late and earlier else 0
 
 
 def _count_line(count: int) -> bytes:
@@ -257,6 +262,7 @@ class _Raw:
     header: Header
     count: int | None
     trigger_count: int | None
+    start_us: int  # that all times lack
     length: int  # bytes before the first word
 
 
@@ -339,22 +345,26 @@ def _read_raw(file: BinaryIO) -> _Raw:
     if fields.get("endianness", "little") != "little":
         raise EventFormatError("header, endianness: found big, expected little")
     width, height = _size(fields)
+    start_us = _number(fields, "t0") or 0
+    clock_us = _number(fields, "t_offset", least=-_MOST)
     header = Header(
         width,
         height,
         model_from_json(fields["sensor_model"]) if "sensor_model" in fields else None,
         origin_from_json(fields["origin"]) if "origin" in fields else {},
-        _number(fields, "t0") or 0,
+        start_us if clock_us is None else clock_us,
         tuple(name for name in fields if name and name not in _FIELDS),
     )
-    return _Raw(_version(fields), header, count, _number(fields, "trigger_count"), length)
+    triggers = _number(fields, "trigger_count")
+    return _Raw(_version(fields), header, count, triggers, start_us, length)
 
 
-def _number(fields: dict[str, str], name: str) -> int | None:
+def _number(fields: dict[str, str], name: str, least: int = 0) -> int | None:
     value = fields.get(name)
     if value is None:
         return None
-    if re.fullmatch(r"\d{1,19}", value, re.ASCII) is None or int(value) > _MOST:
+    whole = re.fullmatch(r"-?\d{1,19}", value, re.ASCII) is not None
+    if not whole or not least <= int(value) <= _MOST:
         raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected a number")
     return int(value)
 
@@ -441,7 +451,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                 room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
                 columns = Columns.room(room)
                 taken, made, found = codec.decode(words, width, height, state, columns)
-                columns.t_us[:made] += raw.header.t_offset_us
+                columns.t_us[:made] += raw.start_us
                 offset += size * taken
                 if made:
                     count += made
@@ -528,7 +538,7 @@ def read_triggers(path: Path, codec: Codec) -> Triggers:
     if not found:
         return NO_TRIGGERS
     t_us, channel, p = (np.concatenate(column) for column in zip(*found, strict=True))
-    return Triggers(t_us + raw.header.t_offset_us, channel, p)
+    return Triggers(t_us + raw.start_us, channel, p)
 
 
 def _reason(found: int, state: np.ndarray) -> str:

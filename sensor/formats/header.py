@@ -45,7 +45,7 @@ class Header:
     Raises
     ------
     EventFormatError
-        The size or an entry of `origin` is invalid; the text names it.
+        The size, that of the model, or an entry of `origin` is invalid; the text names it.
 
     Examples
     --------
@@ -77,6 +77,13 @@ class Header:
             raise EventFormatError(
                 f"t_offset_us: found {self.t_offset_us!r}, expected whole microseconds"
             )
+        model = self.model
+        for name in ("width", "height"):
+            side = getattr(self, name)
+            if model is not None and side is not None and side != getattr(model, name):
+                raise EventFormatError(
+                    f"sensor_model: found a {name} of {getattr(model, name)} px, expected {side} px"
+                )
         for name, value in self.origin.items():
             right = isinstance(value, Value) and not isinstance(value, bool)
             if isinstance(value, float) and not math.isfinite(value):

@@ -135,7 +135,7 @@ def _vote_between_pixels(
         x, y = positions[k, 0], positions[k, 1]
         if not (-1 < x < width and -1 < y < height):
             continue
-        bin_, column, row = int(at), int(x + 1) - 1, int(y + 1) - 1
+        bin_, column, row = int(at), math.floor(x), math.floor(y)
         later = np.float32(at - bin_)
         right, down = np.float32(x - column), np.float32(y - row)
         p = np.float32(events.p[k])

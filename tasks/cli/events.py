@@ -66,7 +66,8 @@ def simulate(
     format
         dsec, evt3, evt2, npz or text, instead of what the extension says.
     truth
-        Add true depth, flow and poses to a DSEC file, this many seconds apart.
+        Add true depth, flow and poses to a DSEC file, this many seconds of the sequence's time
+        apart.
     overwrite
         Replace an existing file.
     """

@@ -27,7 +27,7 @@ class FootageOptions:
         line "# unit: us".
     encoding
         Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
-        rec709 for videos, linear for floats, else srgb.
+        that of a video's tags or rec709, linear for floats, else srgb.
     interpolate
         Insert motion-compensated frames: the number of intervals that replace each interval, from
         one to 1000, or auto, for half a pixel of motion from frame to frame.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from eres_render.errors import check_positive
 from eres_render.storage.json_values import use_python_numbers
 from tasks.errors import TaskError
 
 _MOST_ELECTRONS = 1e15
+_LEAST_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,10 @@ class FrameCameraOptions:
         TaskError
             The text names the option.
         """
-        check_positive("exposure", self.exposure, TaskError, "a positive number of seconds")
+        if not _LEAST_EXPOSURE_S <= self.exposure < math.inf:
+            raise TaskError(
+                f"exposure: found {self.exposure}, expected at least {_LEAST_EXPOSURE_S:g} seconds"
+            )
         if not (0 < self.full_well <= _MOST_ELECTRONS or self.full_well == math.inf):
             raise TaskError(
                 f"full_well: found {self.full_well}, expected a positive number of at most "

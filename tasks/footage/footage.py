@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.errors import check_positive
 from tasks.errors import TaskError
 from tasks.footage import images, video
 from tasks.footage.luminance import Luminance, coding_of
 
 _log = logging.getLogger(__name__)
+
+_LEAST_FPS, _MOST_FPS = 1e-3, 1e8  # times are whole nanoseconds
 
 Float32 = NDArray[np.float32]
 Coded = NDArray[np.generic]
@@ -84,8 +85,8 @@ def open_footage(
         Unit of timestamps.txt, "s", "ms", "us" or "ns", unless the file states it in a first line
         such as "# unit: us".
     encoding
-        Transfer function of the stored numbers, see `sensor.to_linear`; by default "rec709" for
-        videos, "linear" for floats, else "srgb".
+        Transfer function of the stored numbers, see `sensor.to_linear`; by default that of a
+        video's tags or "rec709", "linear" for floats, "srgb" for other images.
 
     Returns
     -------
@@ -104,8 +105,10 @@ def open_footage(
     path = Path(path)
     if not path.exists():
         raise TaskError(f"{path}: found neither a video nor a folder of images under this name")
-    if fps is not None:
-        check_positive("fps", fps, TaskError, "a positive number of frames per second")
+    if fps is not None and not _LEAST_FPS <= fps <= _MOST_FPS:
+        raise TaskError(
+            f"fps: found {fps}, expected {_LEAST_FPS:g} to {_MOST_FPS:g} frames per second"
+        )
     coded: Callable[[], Iterator[Coded]]
     if path.is_dir():
         files = images.list_images(path)
@@ -113,14 +116,14 @@ def open_footage(
         if images.has_transparency(files[0]):
             _log.warning("%s: transparency is left out: hidden pixels are seen", path)
         coded = partial(images.read_images, files)
+        usual = "srgb"
     else:
         if time_unit is not None:
             raise TaskError(f"{path}: found time-unit, expected it only with timestamps.txt")
-        video.check_tags(path, encoding)
+        usual = video.tagged_encoding(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
     first = next(coded())
-    usual = "srgb" if path.is_dir() else "rec709"
     encoding, white = coding_of(first, encoding, usual, path)
     luminance = Luminance(encoding)
     light = luminance(first)

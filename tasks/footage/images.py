@@ -26,7 +26,6 @@ _TIMES = "timestamps.txt"
 _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
-_PNG_END_BYTES = 1 << 12
 _WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 256, 257, 258, 262, 338  # of TIFF
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
@@ -74,13 +73,22 @@ def _parts(file: Path, number: str = _WHOLE) -> list[str]:
 
 
 def has_transparency(file: Path) -> bool:
-    """Return whether a PNG or TIFF file has an alpha channel, which `read_images` leaves out."""
+    """Return whether an image has transparency, which `read_images` leaves out."""
     kind = _KINDS[file.suffix.lower()]
     if kind == "tiff":
         return bool(_tiff_tags(file).get(_EXTRA_SAMPLES))
-    with file.open("rb") as data:
-        header = data.read(26)
-    return kind == "png" and header[25:26] in (b"\x04", b"\x06")
+    if kind == "exr":
+        return "A" in read_channels(file)
+    data = file.read_bytes()
+    return kind == "png" and (data[25:26] in (b"\x04", b"\x06") or b"tRNS" in _png_chunks(data))
+
+
+def _png_chunks(data: bytes) -> Iterator[bytes]:
+    """Yield the types of a PNG file's chunks, up to the last complete one."""
+    at = 8  # after the signature
+    while len(data) >= (end := at + 12 + int.from_bytes(data[at : at + 4])):
+        yield data[at + 4 : at + 8]
+        at = end
 
 
 def _tiff_tags(file: Path) -> ImageFileDirectory_v2:
@@ -237,7 +245,8 @@ def _read(file: Path) -> NDArray[np.generic]:
         )
     if image is None:
         raise TaskError(
-            f"{file}: found {len(data)} bytes that are not a complete {kind.upper()} image"
+            f"{file}: found {len(data)} bytes that are not a complete {kind.upper()} image, or one "
+            "that OpenCV does not read"
         )
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
@@ -249,12 +258,13 @@ def _read(file: Path) -> NDArray[np.generic]:
 def _is_complete(data: bytes, kind: str) -> bool:
     """Return whether a file has its end: decoders return part of the image of a truncated one."""
     if kind == "png":
-        return b"IEND" in data[-_PNG_END_BYTES:]
+        return b"IEND" in _png_chunks(data)
     if kind != "jpeg":
         return True
     at = 2  # after the start of the image; a preview inside a segment has an end too
     while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+        is_fill = data[at + 1 : at + 2] == b"\xff"  # T.81, B.1.1.2
+        at += 1 if is_fill else 2 + int.from_bytes(data[at + 2 : at + 4])
     return b"\xff\xd9" in data[at:]  # phones append films
 
 

@@ -78,11 +78,19 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     return [round(t * step * 10**9) for t in times]
 
 
-_OTHER_CURVES = {16: "PQ (SMPTE ST 2084)", 18: "HLG (ARIB STD-B67)"}  # of H.273, Table 3
+# Transfer characteristics of H.273, Table 3; those that are not named are BT.709's, or close to it.
+_CURVES = {4: "gamma:2.2", 5: "gamma:2.8", 8: "linear", 13: "srgb"}
+_OTHER_CURVES = {
+    9: "a logarithm",
+    10: "a logarithm",
+    16: "PQ (SMPTE ST 2084)",
+    17: "SMPTE ST 428-1",
+    18: "HLG (ARIB STD-B67)",
+}
 
 
-def check_tags(path: Path, encoding: str | None) -> None:
-    """Refuse a transfer function that `sensor.to_linear` lacks; warn of what is left out.
+def tagged_encoding(path: Path, encoding: str | None) -> str:
+    """Return the transfer function in a video's tags; warn of what is left out.
 
     Parameters
     ----------
@@ -91,25 +99,30 @@ def check_tags(path: Path, encoding: str | None) -> None:
     encoding
         Transfer function that the user gave, in place of that of the tags.
 
+    Returns
+    -------
+    As for `sensor.to_linear`; "rec709" without tags.
+
     Raises
     ------
     TaskError
-        The video is tagged as PQ or HLG, and no encoding is given.
+        The tags name one that `sensor.to_linear` lacks, and no encoding is given.
     """
     with _open(path) as (_, stream):
         codec = stream.codec_context
-        curve = _OTHER_CURVES.get(codec.color_trc)
+        curve = int(codec.color_trc)
         transparent = any(component.is_alpha for component in codec.format.components)
         ratio = stream.sample_aspect_ratio
-    if curve and encoding is None:
+    if curve in _OTHER_CURVES and encoding is None:
         raise TaskError(
-            f"{path}: found video encoded with {curve}, expected one of BT.709, sRGB, a gamma or "
-            "linear light; convert it, or give --encoding"
+            f"{path}: found video encoded with {_OTHER_CURVES[curve]}, expected one of BT.709, "
+            "sRGB, a gamma or linear light; convert it, or give --encoding"
         )
     if transparent:
         _log.warning("%s: transparency is left out: hidden pixels are seen", path)
     if ratio and ratio != 1:
         _log.warning("%s: found pixels %s as wide as high; they are taken as square", path, ratio)
+    return _CURVES.get(curve, "rec709")
 
 
 def _is_shown(packet: Any, codec: str) -> bool:
@@ -173,7 +186,10 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
         dst_colorspace=Colorspace.ITU709,
         src_color_range=frame.color_range or ColorRange.MPEG,
         dst_color_range=ColorRange.JPEG,
-        interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
+        # Without full chroma, a coarse table makes subsampled video up to 2 of 255 too dark.
+        interpolation=Interpolation.BILINEAR
+        | Interpolation.ACCURATE_RND
+        | Interpolation.FULL_CHR_H_INT,
     )
     if gray and frame.color_range == ColorRange.MPEG:  # which swscale leaves as it is
         most = 65535 if deep else 255

@@ -104,6 +104,7 @@ class DatasetSettings:
         check("seed", self.seed >= 0, "a whole number of at least 0")
         for name in ("seconds", "max_displacement_px", "truth_step_s"):
             check_positive(name, getattr(self, name), TaskError)
+        check("seconds", self.seconds >= 1e-6, "at least a microsecond")
         cutoffs = self.cutoffs_hz
         different = bool(cutoffs) and len({f"{hz:g}" for hz in cutoffs}) == len(cutoffs)
         positive = all(one > 0 for one in cutoffs)  # and not NaN

@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 
@@ -33,6 +33,8 @@ logger = logging.getLogger(__name__)
 DARK = 1 / 64
 """Added to the light of frames before the logarithm, in units of white. Below about code 4 of 255,
 a frame is mostly noise."""
+
+_LIMIT_US = 1 << 61  # so that a shift, and the sum of start and end, fit into int64
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +207,11 @@ def _checked(
     for k, file in enumerate(files):
         if not file.is_file():
             raise TaskError(f"{source}: found {file.name}, for which there is no file {file}")
+        if max(abs(start[k]), abs(end[k])) >= _LIMIT_US:
+            raise TaskError(
+                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, "
+                "expected less than 2^61 us from 0"
+            )
         if k and start[k] <= start[k - 1]:
             raise TaskError(
                 f"{source}, {file.name}: found {start[k]} us after {start[k - 1]} us, expected "
@@ -237,7 +244,7 @@ def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[in
         time, _, name = text.partition(" ")
         try:
             t_us.append(int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit])))))
-        except (InvalidOperation, ValueError, OverflowError):
+        except (ArithmeticError, ValueError):
             raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
         files.append(listed.parent / name.strip())
     return files, t_us

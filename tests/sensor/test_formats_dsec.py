@@ -204,6 +204,21 @@ def test_files_that_are_not_events_are_refused(changed, said, tmp_path):
     assert said in str(error.value)
 
 
+def test_fractions_are_refused(tmp_path):
+    """Promise: a clock in seconds or a broken size is not cut off in silence."""
+    path = dsec_file(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["width"] = 640.5
+    with pytest.raises(EventFormatError, match=r"width: found 640.5, expected a whole number"):
+        read_header(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["width"] = 640.0
+        del file["t_offset"]
+        file["t_offset"] = 1.7
+    with pytest.raises(EventFormatError, match=r"t_offset: found 1.7, expected a whole number"):
+        read_header(path)
+
+
 @pytest.mark.parametrize("missing", ["h5py", "hdf5plugin"])
 def test_without_hdf5_the_error_says_what_to_install(missing, tmp_path):
     """Promise: without HDF5, one line says which package to install, with no traceback."""

@@ -70,6 +70,20 @@ def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
 
 
 @BOTH
+@pytest.mark.parametrize("start_us", [1_000_000_000, -7, (1 << 39) + 6])
+def test_the_start_of_the_clock_is_kept(name, start_us, tmp_path):
+    """Promise: also of times that fit without it, before zero, and after the first event."""
+    events = make_events([0, 4], [1, 3], [2, 2], [1, -1]).later((1 << 39) + 5)
+    for stream in (make_events([3, 4], [1, 3], [2, 2], [1, -1]), events):
+        path = tmp_path / "a.raw"
+        write_events(path, stream, format=name, t_offset_us=start_us)
+        assert read_header(path).t_offset_us == start_us
+        assert_same(load_events(path), stream)
+        assert_same(by_faery(path)[1], stream)
+        path.unlink()
+
+
+@BOTH
 def test_a_clock_in_nanoseconds_is_kept(name, tmp_path):
     """Promise: starts of 19 digits are read back up to 2^62 us; beyond, they are refused."""
     path = tmp_path / f"a.{name}.raw"
@@ -298,6 +312,11 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (b'% sensor_model {"width": 2}\n' + HEADER, [], "sensor_model: "),
         (b'% sensor_model {"widht": 2}\n' + HEADER, [], "sensor_model.widht: unknown"),
         (b'% sensor_model {"width": "2"}\n' + HEADER, [], "sensor_model.width: found '2'"),
+        (
+            b'% sensor_model {"width": 640, "height": 9}\n' + HEADER,
+            [],
+            "sensor_model: found a height of 9 px, expected 480 px",
+        ),
         (
             b'% sensor_model {"width": 1, "height": 1, "leak_hz": 1' + 400 * b"0" + b"}\n" + HEADER,
             [],

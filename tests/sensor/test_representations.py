@@ -50,6 +50,16 @@ def test_voxel_grid_equals_a_plain_loop(count, bins, mean_us, shift, convention,
         np.testing.assert_allclose(found, expected, atol=1e-5 * count)
 
 
+@pytest.mark.parametrize("positions", [np.float32, np.float64])
+def test_votes_at_the_edge_stay_in_their_row(positions):
+    """Promise: the last number below a width of a power of two has its votes in the last column."""
+    x, y = np.nextafter(positions([4, 2]), positions(0))
+    events = make_events([0, 1], [0, 0], [0, 0], [1, 1], 4, 2)
+    at = np.array([[x, 0.0], [0.0, y]], positions)
+    found = voxel_grid(events, 2, positions=at, normalize=False)
+    np.testing.assert_allclose(found, 0.0, atol=1e-6)
+
+
 # Computed with the networks' official code on these events: five entries at 0, 1/5, 1/3, just
 # after 1/2 and at the end of the flattened grid.
 E2VID_RAW = [0.006322791799902916, -0.5608067512512207, -0.05794556438922882, 0.06338789314031601,

@@ -119,6 +119,7 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
         (["--full-well", 0], "full_well: found 0.0"),
         (["--read-noise", -1], "read_noise: found -1.0"),
         (["--exposure", 0], "exposure: found 0.0"),
+        (["--exposure", 1e-12], "exposure: found 1e-12, expected at least 1e-06 seconds"),
         (["--seed", -1], "seed: found -1, expected 0 or more"),
     ):
         place = out if wrong is camera else tmp_path / "none"

@@ -190,6 +190,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--sensor", "davis3460"], "did you mean 'davis346'?"),
         (["--count", 0], "count: found 0, expected at least 1"),
         (["--seconds", 0], "seconds: found 0.0, expected a positive number"),
+        (["--seconds", 1e-7], "seconds: found 1e-07, expected at least a microsecond"),
         (["--spp", 5], "spp: found 5, expected a square"),
         (["--spp", 0], "spp: found 0, expected a square"),
         (["--cutoffs", 50, "nan"], "cutoffs_hz: found (50.0, nan), expected positive"),

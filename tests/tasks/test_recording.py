@@ -582,6 +582,11 @@ def test_lists_of_images_as_in_the_rpg_dataset(made, tmp_path):
     assert [file.name for file in found.files] == ["000.png", "010.png"]
     with pytest.raises(TaskError, match="found no unit, expected --frames-time-unit"):
         open_frames(folder, exposure_us=0)
+    with pytest.raises(TaskError, match=r"000.png: found an exposure .*, expected less than 2\^61"):
+        open_frames(folder, time_unit="s", exposure_us=1 << 61)
+    (folder / "images.txt").write_text("0.001 000.png\n1e999999 010.png\n")
+    with pytest.raises(TaskError, match=r"images.txt:2: found '1e999999 010.png', expected a time"):
+        open_frames(folder, time_unit="s", exposure_us=0)
 
 
 def test_images_of_events_with_their_times(made, tmp_path, eres):
