@@ -4,7 +4,7 @@ The constants of `tasks.study.run.estimate` and `tasks.evaluation.costs` come fr
 Times are in core seconds: elapsed time counts once for each core. Stages overlap, so only their sum
 is exact, and scores take the time of their methods and of much else.
 
-    python benchmarks/study_costs.py docs/results/paper paper
+    python benchmarks/study_costs.py docs/results/ablations ablations
     python benchmarks/study_costs.py docs/results/twins docs/studies/twins.toml
 """
 
@@ -14,13 +14,14 @@ import argparse
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 from eres_render import load_scene
 from tasks.evaluation.costs import share_of_1280
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.registry import TASKS
-from tasks.study.config import preset
+from tasks.study.config import preset, with_method
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, jobs_of
 from tasks.study.study_file import read_study
@@ -70,9 +71,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, help="folder of the finished run")
     parser.add_argument("study", help="its study: name of a preset, or a TOML file")
+    parser.add_argument("--method", nargs="+", default=[], help="as for `eres study`")
     parser.add_argument("--samples", type=int, help="number of samples, if not the study's")
     args = parser.parse_args()
     study = read_study(args.study) if args.study.endswith(".toml") else preset(args.study)
+    study = reduce(with_method, args.method, study)
     if args.samples:
         study = replace(study, render=replace(study.render, samples=args.samples))
 

@@ -24,7 +24,7 @@ from finished_runs import page_of
 from moving_texture import texture_in_motion
 from sensor import SensorModel, simulate
 from small_study import GUARDS, STUDY, digest, machine, score_digest, stored_bits
-from tasks.study.config import preset
+from stored_studies import paper_study
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
 
@@ -53,7 +53,7 @@ MODELS = {
 
 
 def part_keys() -> list[str]:
-    study = preset("paper")
+    study = paper_study()
     return sorted(job.key for name in study.scenes for job in jobs_of(study, load_scene(name)))
 
 
@@ -77,7 +77,7 @@ def stored() -> dict:
     return json.loads(GUARDS.read_text())
 
 
-def test_jobs_of_the_paper_preset_keep_their_names(stored):
+def test_jobs_of_the_paper_run_keep_their_names(stored):
     """Promise: existing results remain the results of the same study."""
     keys = part_keys()
     assert {*keys} == {file.stem for file in (PAPER_RUN / "parts").glob("*.parquet")}
