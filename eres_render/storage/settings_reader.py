@@ -140,6 +140,8 @@ def read_typed(
 
     if kind is Any:
         return typing.cast(T, found)
+    if typing.get_origin(kind) is Annotated and kind != FloatOrInf:  # for the command line
+        return typing.cast(T, inner(typing.get_args(kind)[0], found, field))
     result: Any
     prefix = f"{field}." if field else ""
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:

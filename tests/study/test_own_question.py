@@ -503,6 +503,24 @@ def cutoff_of(illuminance_lux: float) -> float:
     return cutoff_in_light(illuminance_lux) if illuminance_lux else math.inf
 
 
+def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, monkeypatch) -> None:
+    """Promise: options that sensors share with `eres simulate` are those of the file."""
+    asked: list[Study] = []
+
+    def run(study: Study, *given: object, **options: object) -> None:
+        asked.append(study)
+        raise StudyError("enough")
+
+    monkeypatch.setattr("tasks.study.run.run_study", run)
+    file = tmp_path / "cameras.toml"
+    table = '{width = 64, profile = "davis346", leak = 0.1, bus = "davis346"}'
+    file.write_text(f'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = [{table}]\n')
+    _, _, err = eres("study", file, "--out", tmp_path / "run")
+    assert err == "error: enough\n"
+    assert asked == [read_study(file)]
+    assert asked[0].simulate.sensors[0].in_light[0].leak_hz == 0.1
+
+
 def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
     """Promise: `eres study` passes both to the study, and refuses a path for several scenes."""
     asked: list[Study] = []
