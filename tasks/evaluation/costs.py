@@ -42,7 +42,7 @@ PICTURE_SCORE_S = 0.03
 
 
 def share_of_1280(width: int) -> float:
-    """Return a sensor's pixels over those at 1280 px."""
+    """Return the pixels of a square sensor over those at 1280 px; wide sensors have fewer."""
     return width**2 / 1280**2
 
 

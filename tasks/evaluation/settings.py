@@ -322,6 +322,10 @@ class Video(NetworkSettings):
     e2vid_events_per_px: float | None = None
 
     def __post_init__(self) -> None:
+        if self.e2vid_window_s is not None and self.e2vid_events_per_px is not None:
+            raise TaskError(
+                "video: found e2vid_window_s and e2vid_events_per_px, expected one of them"
+            )
         if 0 < self.every_s * _MOST_IMAGES < self.duration_s:
             raise TaskError(
                 f"every_s: found {self.every_s:g} s, expected at least "
@@ -342,9 +346,11 @@ class Video(NetworkSettings):
         return round((self.duration_s - self.run_in_s) / self.every_s)
 
     def score_s(self, width: int) -> float:
-        windows = self.duration_s / (self.e2vid_window_s or _WINDOW_S)
         images_s = self.images * sum(answer_s("video", method) for method in self.methods)
-        windows_s = windows * sum(window_s(method) for method in self.methods)
+        windows_s = 0.0
+        for method in self.methods:
+            given_s = self.e2vid_window_s if method == "e2vid" else None
+            windows_s += window_s(method) * self.duration_s / (given_s or _WINDOW_S)
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
         return (images_s + windows_s) * share_of_1280(width) + pictures * PICTURE_SCORE_S
 

@@ -34,6 +34,7 @@ METHOD_VERSIONS = {
     "photometric_tracking": 2,
     "photometric_tracking_with_delay": 3,
 }
+_imported: dict[str, tuple[object, str]] = {}  # spec of the module and digest of the user's code
 
 
 def load_method(
@@ -214,7 +215,16 @@ def _files_of(own: str) -> list[Path]:
 
 
 def _digest_of_own(place: str) -> str:
-    return " ".join(sha256(file) for file in _files_of(place))
+    """Return the SHA-256 of the files of a user's code; refuse files that differ from what runs."""
+    found = " ".join(sha256(file) for file in _files_of(place))
+    spec = import_own(place.partition(":")[0]).__spec__  # another one after a reload
+    if place not in _imported or _imported[place][0] is not spec:
+        _imported[place] = spec, found
+    if _imported[place][1] != found:
+        raise TaskError(
+            f"{place}: found other files than when it was imported; start this process again"
+        )
+    return found
 
 
 def code_of_tasks(methods: Mapping[str, Iterable[str]]) -> dict[str, str]:

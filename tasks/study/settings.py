@@ -30,6 +30,7 @@ _LEFT_OUT_IF_NOT_GIVEN = (
 
 _LEAST_HZ = 1e-3  # warms up for a quarter of an hour
 _LONGEST_S = 2000.0  # sensors take less than 2147 s between two frames
+_LEAST_DISPLACEMENT_PX = 0.001
 LEAST_RESOLUTION = 62
 """Least side of a frame, px: `sensor.statistics.slopes_by_pixel_size` needs it for its blocks."""
 
@@ -297,6 +298,11 @@ class Study:
                     "the scaling statistics need"
                 )
         check_spp(self.render.spp, StudyError)
+        if (px := self.render.max_displacement_px) < _LEAST_DISPLACEMENT_PX:
+            raise StudyError(
+                f"render.max_displacement_px: found {px}, expected at least "
+                f"{_LEAST_DISPLACEMENT_PX} px"
+            )
         if self.render.seed >= 1 << 32:
             raise StudyError(f"render.seed: found {self.render.seed}, expected less than 2^32")
         if max(self.simulate.widths, default=0) > self.render.resolution:

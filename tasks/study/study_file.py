@@ -96,7 +96,10 @@ def _check_scenes(study: Study, file: Path) -> None:
 
 def _placed(scene: Any, file: Path) -> Any:
     """Return a scene's name, or its path if it is a folder with a "/" or a Mitsuba file."""
-    return str(file.parent / scene) if isinstance(scene, str) and is_path(scene) else scene
+    if not isinstance(scene, str) or not is_path(scene):
+        return scene
+    placed = str(file.parent / scene)
+    return placed if is_path(placed) else f"./{placed}"  # pathlib drops it
 
 
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:

@@ -153,6 +153,14 @@ def test_old_words_are_read(tmp_path):
             r"evaluate.video.equalization: found 3, expected 'none' or 'global' or",
         ),
         (
+            'scenes = ["carpet"]\n[render]\nmax_displacement_px = 1e-300',
+            r"render.max_displacement_px: found 1e-300, expected at least 0.001 px",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.video]\ne2vid_window_s = 1\ne2vid_events_per_px = 1',
+            "found e2vid_window_s and e2vid_events_per_px, expected one of them",
+        ),
+        (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
             r"mine.toml: evaluate.video.every_s: found 0.0, expected a positive number",
         ),

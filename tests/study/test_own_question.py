@@ -503,6 +503,16 @@ def cutoff_of(illuminance_lux: float) -> float:
     return cutoff_in_light(illuminance_lux) if illuminance_lux else math.inf
 
 
+def test_a_folder_beside_the_file_stays_a_folder(tmp_path, monkeypatch) -> None:
+    """Promise: "./carpet" in a file is not the packaged carpet, and keeps its path of poses."""
+    monkeypatch.chdir(tmp_path)
+    text = 'scenes = ["./carpet/"]\n[trajectories]\n"./carpet/" = "poses.txt"\n'
+    Path("own.toml").write_text(text)
+    study = read_study(Path("own.toml"))
+    assert study.scenes == ("./carpet",)
+    assert with_scenes(study, ["./carpet"]).trajectories == {"./carpet": "poses.txt"}
+
+
 def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, monkeypatch) -> None:
     """Promise: options that sensors share with `eres simulate` are those of the file."""
     asked: list[Study] = []

@@ -1,9 +1,11 @@
 """A small study from scene to rows: complete, cached, continued, on full disks, refused."""
 
+import importlib
 import json
 import logging
 import os
 import shutil
+import sys
 import time
 from collections import Counter
 from contextlib import suppress
@@ -23,8 +25,9 @@ from finished_runs import page_of
 from small_study import only
 from stored_studies import paper_study
 from tasks import provenance as environment
-from tasks.errors import StudyError
+from tasks.errors import StudyError, TaskError
 from tasks.evaluation.timings import read_timings
+from tasks.methods import code_of
 from tasks.row import read_rows
 from tasks.study.config import (
     PRESETS,
@@ -181,6 +184,11 @@ def test_a_run_whose_previews_were_deleted_continues(finished, scene_folder, tmp
     assert run_study(tiny_study(scene_folder), run) == rows
     assert not (run / "previews").exists()
     write_report(run)
+    shutil.copytree(out / "previews", run / "previews")
+    next((run / "previews").glob("*.webp")).unlink()  # one of them alone
+    assert run_study(tiny_study(scene_folder), run) == rows
+    write_report(run)
+    shutil.rmtree(run / "previews")
     (run / "previews").mkdir()
     shutil.copy(out / "previews" / "index.json", run / "previews")  # all but the list were deleted
     assert run_study(tiny_study(scene_folder), run) == rows
@@ -251,6 +259,20 @@ def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeyp
     (key,) = json.loads((run / "study.json").read_text())["jobs"]
     assert [one.stem for one in (run / "costs").iterdir()] == [key]
     assert json.loads((run / "scaling" / "carpet.json").read_text())["job"] == key
+
+
+def test_an_edited_method_does_not_run_as_it_was(tmp_path, monkeypatch):
+    """Promise: rows of old code never get the name of new code; a reload or a new process does."""
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "edited_later.py"
+    code = "def estimate(sample):\n    return sample.log_keyframe\n"
+    file.write_text(code)
+    before = code_of(["edited_later:estimate"])
+    file.write_text(f"{code}# edited\n")
+    with pytest.raises(TaskError, match=r"edited_later:estimate: found other files than when it"):
+        code_of(["edited_later:estimate"])
+    importlib.reload(sys.modules["edited_later"])
+    assert code_of(["edited_later:estimate"]) != before
 
 
 def test_two_names_of_one_scene(scene_folder, tmp_path):
@@ -501,6 +523,20 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert not_json.startswith(f"{file}: not JSON: Expecting property name")
     assert not_json.endswith("; the provenance of the finished jobs is lost")
     assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
+
+
+@pytest.mark.parametrize("damage", [None, b"", b"{}"])
+def test_a_finished_run_without_its_environment_is_readable_again(
+    finished, scene_folder, tmp_path, damage
+):
+    """Promise: the same command writes a lost environment.json, if only with its own line."""
+    run = tmp_path / "run"
+    shutil.copytree(finished[0], run)
+    file = run / "environment.json"
+    file.unlink() if damage is None else file.write_bytes(damage)
+    run_study(tiny_study(scene_folder), run)
+    assert "command" in json.loads(file.read_text())
+    write_report(run)
 
 
 @pytest.mark.parametrize(

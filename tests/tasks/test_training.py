@@ -301,6 +301,19 @@ def test_a_finished_training_is_not_repeated(run):
     assert (folder / "curve.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_damaged_weights_are_no_finished_training(run, tmp_path):
+    """Promise: an error that names the file, also for a checkpoint that is something else."""
+    folder = tmp_path / "training"
+    shutil.copytree(run[0], folder)
+    (folder / "weights.pt").write_bytes(b"")
+    with pytest.raises(WeightsError, match=r"weights.pt: not a complete PyTorch checkpoint"):
+        trained(folder)
+    (folder / "weights.pt").unlink()
+    torch.save(torch.zeros(3), folder / "checkpoint.pt")
+    with pytest.raises(TrainingError, match=r"checkpoint.pt: not a checkpoint of this training"):
+        trained(folder)
+
+
 def test_flow_is_learned_and_stored(tmp_path):
     """Promise: the same loop trains flow; the method reads the weights, at quarter channels too."""
     _, scores = trained(tmp_path, "ideal", settings=TINY_FLOW)

@@ -21,6 +21,7 @@ from eres_render.progress import silent
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
 from tasks.errors import TrainingError
+from tasks.learned.checkpoint import read_checkpoint
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
 from tasks.learned.training.curve import draw_curve
@@ -77,9 +78,10 @@ def train(
         There is no such device, the checkpoint is of another training, the loss is not finite, or
         the scores of a finished training cannot be read.
     WeightsError
-        The checkpoint cannot be read.
+        The checkpoint, or the weights of a finished training, cannot be read.
     """
     if (folder / WEIGHTS_FILE).exists():
+        read_checkpoint(folder / WEIGHTS_FILE)  # it may be damaged
         return {light: list(found) for light, found in read_scores(folder).scores.items()}
     place = device_of(device)
     problem.network.to(place).train()

@@ -94,7 +94,7 @@ def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Opt
         network.load_state_dict(found["network"])
         optimizer.load_state_dict(found["optimizer"])
         return Progress(found["step"], found["seconds"], found["curve"], found["losses"])
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise TrainingError(
             f"{file}: not a checkpoint of this training ({str(error).splitlines()[0]}); delete it "
             "to start again"

@@ -154,7 +154,9 @@ def _as_found_here(job: Job, key: str) -> Job:
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("found other code of your own method than when the study was started")
+        raise StudyError(
+            "found other code of your own method, or other weights, than when the study was started"
+        )
     return here
 
 

@@ -14,7 +14,7 @@ from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.provenance import check_renderer, command, together
 from tasks.row import Row, read_rows, write_rows
-from tasks.study.results.previews import INDEX_NAME
+from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.scaling import Scaling
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import Job, QueuedJob
@@ -132,16 +132,24 @@ class RunFolder:
         """
         files = [self._previews_of(name) for name in self._first]
         if there := [file for file in files if file.exists()]:
-            found = (read_json(tuple[Any, ...], file, ResultError) for file in there)
-            self._write(f"previews/{INDEX_NAME}", list(chain.from_iterable(found)))
+            listed = chain.from_iterable(json.loads(file.read_bytes()) for file in there)
+            found = [one for one in listed if (self._index.parent / one["file"]).exists()]
+            self._write(f"previews/{INDEX_NAME}", found)
         else:  # they may be deleted
             self._index.unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
-        if self._has_other_rows or not self._describes(study):
+        described = self._has_environment() and self._describes(study)
+        if self._has_other_rows or not described:
             self._write("environment.json", {**self._environment, "command": command()})
         self._write("study.json", study)
         return rows
+
+    def _has_environment(self) -> bool:
+        try:
+            return bool(read_json(dict[str, str], self._folder / "environment.json", ResultError))
+        except ResultError:
+            return False
 
     def _describes(self, study: Mapping[str, Any]) -> bool:
         """Return whether study.json has this study."""
@@ -157,7 +165,7 @@ class RunFolder:
         scaling = self._folder / "scaling" / f"{job.scene.name}.json"
         try:
             if previews.exists():
-                read_json(Any, previews, ResultError)
+                read_json(tuple[Preview, ...], previews, ResultError)
             return read_json(Scaling, scaling, ResultError).job == job.key
         except ResultError:
             return False
