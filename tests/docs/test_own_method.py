@@ -1,7 +1,9 @@
 """docs/methods.md: the test writes its files and runs its commands, from top to bottom."""
 
+import importlib
 import json
 import os
+import sys
 from dataclasses import replace
 
 import pytest
@@ -146,6 +148,12 @@ def test_it_does_not_matter_when_your_own_task_is_imported(page):
     assert said == "StartRate(methods=(), first_us=10000)\nevent rate by own\n"
 
 
+def edit(file, text):
+    """Edit a module, and load it as a new process would."""
+    file.write_text(text)
+    importlib.reload(sys.modules[file.stem])
+
+
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     """Promise: an edit of the method's file changes its version, so old scores are not reused. The
     version of our own methods is their number."""
@@ -153,13 +161,14 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     file = tmp_path / "edited_method.py"
     file.write_text("def estimate(sample): ...\n")
     before = code_of(["event_integration", "edited_method:estimate"])
-    file.write_text("def estimate(sample): return 1\n")
+    edit(file, "def estimate(sample): return 1\n")
     assert list(before) == ["edited_method:estimate"]
     assert code_of(["edited_method:estimate"]) != before
     (tmp_path / "edited_package").mkdir()
     (tmp_path / "edited_package" / "__init__.py").write_text("from edited_method import estimate\n")
     before = code_of(["edited_package:estimate"])
-    file.write_text("def estimate(sample): return 2\n")
+    edit(file, "def estimate(sample): return 2\n")
+    importlib.reload(sys.modules["edited_package"])
     assert code_of(["edited_package:estimate"]) != before
     monkeypatch.setitem(METHOD_VERSIONS, "event_integration", 2)
     assert code_of(["event_integration"]) == {"event_integration": "2"}
@@ -189,8 +198,8 @@ def test_code_of_your_own_task_names_its_rows(page, tmp_path, monkeypatch):
     ours = replace(study.evaluate["rate"], methods=())
     found = [(key(), key(rate=ours))]
     for name in ("edited_scorer", "edited_settings", "edited_listed"):
-        with (tmp_path / f"{name}.py").open("a") as file:
-            file.write("# edited\n")
+        file = tmp_path / f"{name}.py"
+        edit(file, f"{file.read_text()}# edited\n")
         found.append((key(), key(rate=ours)))
     assert [len({*keys}) for keys in zip(*found, strict=True)] == [4, 1]
     assert code_of_tasks({"flow": ["contrast_maximization"], "video": []}) == {}
