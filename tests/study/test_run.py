@@ -21,6 +21,7 @@ from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
+from eres_render.storage.locks import locked
 from finished_runs import page_of
 from small_study import only
 from stored_studies import paper_study
@@ -259,6 +260,19 @@ def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeyp
     (key,) = json.loads((run / "study.json").read_text())["jobs"]
     assert [one.stem for one in (run / "costs").iterdir()] == [key]
     assert json.loads((run / "scaling" / "carpet.json").read_text())["job"] == key
+
+
+def test_two_processes_do_not_compute_one_run(finished, scene_folder, tmp_path):
+    """Promise: the second one is refused, and reads what is finished; no lock stays behind."""
+    run, study = tmp_path / "run", tiny_study(scene_folder)
+    shutil.copytree(finished[0], run)
+    with locked(run / ".lock"):
+        assert run_study(study, run) == finished[1]
+        next((run / "parts").iterdir()).unlink()
+        with pytest.raises(StudyError, match="run: another process is computing this run; wait"):
+            run_study(study, run)
+    assert run_study(study, run) == finished[1]
+    assert not (run / ".lock").exists()
 
 
 def test_an_edited_method_does_not_run_as_it_was(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from typing import Any
 from eres_render import Scene, list_scenes, load_scene
 from eres_render.errors import nearest
 from eres_render.progress import Progress, silent
+from eres_render.storage.locks import LockedError, locked
 from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
 from tasks.registry import TASKS
@@ -68,8 +69,8 @@ def run_study(
     ------
     StudyError
         The study asks for something impossible or for do-nothing methods alone, `out` is a file,
-        the cluster has other code or scenes, or, unless `mix`, Mitsuba or the device differs from
-        that of the finished jobs.
+        another process is computing this run, the cluster has other code or scenes, or, unless
+        `mix`, Mitsuba or the device differs from that of the finished jobs.
     TaskError
         A method does not exist or is for another task, or the cluster cannot be reached.
     MethodError
@@ -93,16 +94,21 @@ def run_study(
             _log.info("%s", estimate_work(jobs, computing.cores).text())
             new = trials(study, jobs, [work[key] for key in folder.finished])
             _try_own_methods(new, computing, on_progress)
-        folder.describe(resolved)
         if not to_do:
+            folder.describe(resolved)
             return folder.finish(resolved)
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
         counted = _Counted(on_progress, finished, len(to_do))
-        for queued, computed in computing.compute(to_do, counted):
-            check_weights(study.evaluate, weights)
-            folder.keep(queued, computed)
-            counted.one_is_finished()
+        try:
+            with locked(out / ".lock", wait=False):
+                folder.describe(resolved)
+                for queued, computed in computing.compute(to_do, counted):
+                    check_weights(study.evaluate, weights)
+                    folder.keep(queued, computed)
+                    counted.one_is_finished()
+        except LockedError:
+            raise StudyError(f"{out}: another process is computing this run; wait for it") from None
     return folder.finish(resolved)
 
 
