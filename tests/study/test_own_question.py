@@ -513,15 +513,21 @@ def test_a_folder_beside_the_file_stays_a_folder(tmp_path, monkeypatch) -> None:
     assert with_scenes(study, ["./carpet"]).trajectories == {"./carpet": "poses.txt"}
 
 
-def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, monkeypatch) -> None:
-    """Promise: options that sensors share with `eres simulate` are those of the file."""
-    asked: list[Study] = []
+@pytest.fixture
+def asked(monkeypatch) -> list[Study]:
+    """Return the studies that commands ask for; each ends with the error "enough"."""
+    found: list[Study] = []
 
     def run(study: Study, *given: object, **options: object) -> None:
-        asked.append(study)
+        found.append(study)
         raise StudyError("enough")
 
     monkeypatch.setattr("tasks.study.run.run_study", run)
+    return found
+
+
+def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, asked) -> None:
+    """Promise: options that sensors share with `eres simulate` are those of the file."""
     file = tmp_path / "cameras.toml"
     table = '{width = 64, profile = "davis346", leak = 0.1, bus = "davis346"}'
     file.write_text(f'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = [{table}]\n')
@@ -531,15 +537,8 @@ def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, monkeypatch) 
     assert asked[0].simulate.sensors[0].in_light[0].leak_hz == 0.1
 
 
-def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
+def test_options_name_photoreceptors_and_a_path(tmp_path, eres, asked) -> None:
     """Promise: `eres study` passes both to the study, and refuses a path for several scenes."""
-    asked: list[Study] = []
-
-    def run(study: Study, *given: object, **options: object) -> None:
-        asked.append(study)
-        raise StudyError("enough")
-
-    monkeypatch.setattr("tasks.study.run.run_study", run)
     options = ["--photoreceptor", "two_pole", "v2e", "--trajectory", "poses.txt"]
     eres("study", "--scenes", "gallery.xml", *options, "--out", tmp_path / "run")
     assert asked[0].simulate.photoreceptors == ("two_pole", "v2e")

@@ -139,17 +139,10 @@ class RunFolder:
             self._index.unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
-        described = self._has_environment() and self._describes(study)
-        if self._has_other_rows or not described:
+        if self._has_other_rows or not self._environment or not self._describes(study):
             self._write("environment.json", {**self._environment, "command": command()})
         self._write("study.json", study)
         return rows
-
-    def _has_environment(self) -> bool:
-        try:
-            return bool(read_json(dict[str, str], self._folder / "environment.json", ResultError))
-        except ResultError:
-            return False
 
     def _describes(self, study: Mapping[str, Any]) -> bool:
         """Return whether study.json has this study."""
