@@ -60,7 +60,7 @@ def methods_of(jobs: Iterable[JobTimings]) -> dict[tuple[str, str], list[float]]
     """Return answers, answers weighted by the sensors' pixels, and CPU seconds of each method."""
     found: dict[tuple[str, str], list[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
     for method in (method for job in jobs for method in job.methods):
-        share = share_of_1280(method.width)
+        share = share_of_1280(method.width, method.width)
         sums = method.estimates, method.estimates * share, method.cpu_s
         before = found[method.task, method.method]
         found[method.task, method.method] = [a + b for a, b in zip(before, sums, strict=True)]

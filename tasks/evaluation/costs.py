@@ -41,9 +41,9 @@ PICTURE_SCORE_S = 0.03
 """To equalize and score an image of a video, compared at 1280 px."""
 
 
-def share_of_1280(width: int) -> float:
-    """Return the pixels of a square sensor over those at 1280 px; wide sensors have fewer."""
-    return width**2 / 1280**2
+def share_of_1280(width: int, height: int) -> float:
+    """Return the pixels of a sensor, or of a patch of it, over those at 1280 x 1280 px."""
+    return width * height / 1280**2
 
 
 def answer_s(task: str, method: str) -> float:

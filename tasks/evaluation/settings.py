@@ -100,7 +100,7 @@ class TaskSettings:
         """Return the stretches that a study scores, each with the settings for it."""
         return {Stretches(): self}
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         """Estimate how long it takes to score one sensor at base speed, in seconds of one core."""
         return 0.0
 
@@ -152,7 +152,7 @@ class Reconstruction(TaskSettings):
     methods: tuple[str, ...] = ("event_integration", "no_events")
     upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         return RECONSTRUCTION_S * len(self.methods)
 
 
@@ -192,10 +192,10 @@ class Flow(TaskSettings):
         fast = Stretches(speeds=(self.fast_speed,), scenes=self.fast_scenes)
         return {Stretches(): usual, fast: replace(usual, methods=self.fast_methods)}
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         patches = self.features * (1 + self.native_patch)
         one_s = sum(answer_s("flow", method) for method in self.methods)
-        return one_s * share_of_1280(width) * patches
+        return one_s * share_of_1280(width, width) * patches  # their sides follow the width
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -226,9 +226,9 @@ class DenseFlow(NetworkSettings):
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches(windows_before=1): self}
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         one_s = sum(answer_s("dense_flow", method) for method in self.methods)
-        return one_s * share_of_1280(width)
+        return one_s * share_of_1280(width, height)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -275,7 +275,7 @@ class Tracking(TaskSettings):
         estimated = any(name.endswith("_with_delay") for name in self.methods)
         return self.max_delay_us if estimated else 0
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         starts = len(self.sigmas_mm)
         return sum(paths_s(method, self.max_events, starts) for method in self.methods)
 
@@ -345,14 +345,14 @@ class Video(NetworkSettings):
         """Number of images that are scored, evenly spread and the last at the end."""
         return round((self.duration_s - self.run_in_s) / self.every_s)
 
-    def score_s(self, width: int) -> float:
+    def score_s(self, width: int, height: int) -> float:
         images_s = self.images * sum(answer_s("video", method) for method in self.methods)
         windows_s = 0.0
         for method in self.methods:
             given_s = self.e2vid_window_s if method == "e2vid" else None
             windows_s += window_s(method) * self.duration_s / (given_s or _WINDOW_S)
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
-        return (images_s + windows_s) * share_of_1280(width) + pictures * PICTURE_SCORE_S
+        return (images_s + windows_s) * share_of_1280(width, height) + pictures * PICTURE_SCORE_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""

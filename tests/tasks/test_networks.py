@@ -27,7 +27,7 @@ from tasks.evaluation.evaluate import _method_timings
 from tasks.evaluation.scorers.dense_flow import DenseFlowScorer
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.evaluation.settings import DenseFlow, Video
+from tasks.evaluation.settings import DenseFlow, Flow, Video
 from tasks.flow import Features
 from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
@@ -397,10 +397,17 @@ def test_the_estimate_of_dense_flow_is_that_of_its_networks():
     """Promise: baselines cost nothing, our network a fraction of E-RAFT."""
 
     def seconds(*methods):
-        return DenseFlow(methods=methods).score_s(1280)
+        return DenseFlow(methods=methods).score_s(1280, 1280)
 
     assert seconds("zero_flow", "initial_flow") == 0
     assert seconds("eraft", "zero_flow") == seconds("eraft") > 2 * seconds("our_flow_all_light") > 0
+
+
+def test_the_estimate_follows_the_pixels_of_a_wide_sensor():
+    """Promise: half as high takes half the time; patches are square and follow the width."""
+    dense = DenseFlow(methods=("our_flow_all_light",))
+    assert dense.score_s(640, 320) == pytest.approx(dense.score_s(640, 640) / 2)
+    assert Flow().score_s(640, 320) == Flow().score_s(640, 640) > 0
 
 
 def sequence_of(log_light, t_s):

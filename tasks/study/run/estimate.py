@@ -128,7 +128,7 @@ def estimate_job(job: Job) -> JobEstimate:
         pixel_frames = speeds * frames * sensor.width * sensor.height
         frames_s += 1e-9 * pixel_frames * _SIMULATE_NS_PER_PX[kind]
         for task, settings in job.evaluate.items():
-            score_s = speeds * settings.score_s(sensor.width)
+            score_s = speeds * settings.score_s(sensor.width, sensor.height)
             if TASKS[task].sample is None:  # events are pushed to its methods
                 frames_s += score_s
             else:
