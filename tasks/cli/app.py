@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, arg
@@ -49,6 +49,8 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
 def _hide_unset(function: Callable[..., Any]) -> None:
     """Hide the defaults None and False, which tyro would print after the help of an option.
 
+    Hints that an option already has stay.
+
     Parameters
     ----------
     function
@@ -59,4 +61,6 @@ def _hide_unset(function: Callable[..., Any]) -> None:
         if is_dataclass(plain[name]):
             _hide_unset(plain[name])
         elif parameter.default is None or parameter.default is False:
-            function.__annotations__[name] = Annotated[whole[name], arg(help_behavior_hint="")]
+            own = get_args(whole[name])[1:] if get_origin(whole[name]) is Annotated else ()
+            parts = plain[name], arg(help_behavior_hint=""), *own  # the last hint counts
+            function.__annotations__[name] = Annotated[parts]

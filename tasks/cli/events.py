@@ -119,8 +119,8 @@ def convert(
 
     Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also
     csv (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag); your own as
-    package.module:Format. A warning names what OUT cannot hold; ground truth is kept from DSEC to
-    DSEC.
+    package.module:Format. A warning names what OUT cannot hold; ground truth and IMU are kept from
+    DSEC to DSEC.
 
     Parameters
     ----------

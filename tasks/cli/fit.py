@@ -51,8 +51,9 @@ def fit(
         Also estimate cutoff and latency from frames or crop: how late and how smooth the events
         are, compared with the light along the motion of the image.
     dark
-        Dark level for thresholds and motion, as a share of white, the largest value that the
-        frames' files can store; the printed sweep shows how much the thresholds depend on it.
+        Dark level for thresholds and motion, as a share of white: the largest value that the
+        frames' files can store, for floats the 99.9th percentile of the first frame. The printed
+        sweep shows how much the thresholds depend on it.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
         one per line; or triggers, for the rising edges in the recording, triggers:1 for those on

@@ -97,7 +97,8 @@ def render(
     integrator
         How to compute light: baked, once, for Lambertian scenes; baked-full, the same with a ray
         for every sample, and many times slower; path, path tracing of every frame, with noise;
-        emission, only the light that surfaces emit. By default baked if possible.
+        emission, only the light that surfaces emit. By default path if objects move, emission if
+        nothing reflects light, baked if possible, else path.
     seed
         Seed of the pixel sampler, the same for every frame.
     warmup

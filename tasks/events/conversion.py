@@ -41,8 +41,8 @@ def convert(
     reading
         How to read `source`.
     shift_us
-        Added to all times, microseconds: of events, triggers, ground truth, and the window in the
-        origin.
+        Added to all times, microseconds: of events, triggers, ground truth, IMU, and the window in
+        the origin.
     from_start
         Shift all times so that the first event is at 0.
     overwrite

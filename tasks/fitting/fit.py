@@ -47,8 +47,8 @@ class Evidence:
     motion
         Whether to estimate cutoff and latency from the motion of the frames or the light.
     dark_share
-        Dark level for thresholds and motion, as a share of white, the largest value that the files
-        of the frames can store.
+        Dark level for thresholds and motion, as a share of white: the largest value that the files
+        of the frames can store, for floats the 99.9th percentile of the first frame.
     rises_us
         (S,) times at which the light steps up, on the clock of the events.
 

@@ -90,6 +90,9 @@ class Frames:
     def _shape(self) -> tuple[int, ...]:
         return self._luminance(next(read_images([self.files[0]]))).shape
 
+    def _in_units_of_white(self, image: NDArray[np.generic]) -> NDArray[np.float32]:
+        return self._luminance(image) / np.float32(self.white_level)
+
     def light(self, k: int) -> NDArray[np.float32]:
         """Return the light of a frame, (H, W), in units of white.
 
@@ -98,7 +101,7 @@ class Frames:
         TaskError
             The image is damaged, or has another size than the first.
         """
-        found = self._luminance(next(read_images([self.files[k]]))) / np.float32(self.white_level)
+        found = self._in_units_of_white(next(read_images([self.files[k]])))
         if found.shape != self._shape:
             (height, width), expected = found.shape, f"{self._shape[1]}x{self._shape[0]}"
             raise TaskError(
@@ -112,7 +115,7 @@ class Frames:
         return np.log(self.light(k).astype(np.float64) + DARK)
 
     def footage(self) -> Footage:
-        """Return the frames as footage, each at the middle of its exposure."""
+        """Return the frames as footage with white at 1, each at the middle of its exposure."""
         height, width = self.light(0).shape
         first_us = int(self.middle_us[0])
         return Footage(
@@ -122,8 +125,8 @@ class Frames:
             height=height,
             width=width,
             encoding=self.encoding,
-            white_level=self.white_level,
-            frames=lambda: map(self._luminance, read_images(list(self.files))),
+            white_level=1.0,
+            frames=lambda: map(self._in_units_of_white, read_images(list(self.files))),
         )
 
     def later(self, shift_us: int) -> Frames:

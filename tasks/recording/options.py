@@ -31,7 +31,8 @@ class FrameOptions:
     estimate_shift
         Estimate the shift of the frames, up to 20 ms, that fits the events best.
     encoding
-        Transfer function of the frames: srgb (by default), rec709, linear, or gamma:2.2.
+        Transfer function of the frames: srgb (by default), rec709, linear (floats always are), or
+        gamma:2.2.
     """
 
     frames: Path | None = None

@@ -5,6 +5,7 @@ import logging
 import os
 import pickle
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
@@ -20,6 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from another_process import environment
+from benchmark_files import benchmark
 from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.storage.cache import cache_dir
@@ -434,3 +437,28 @@ def test_without_dask_the_error_says_how_to_get_it(eres, tmp_path, monkeypatch):
     code, _, err = eres("study", "--out", tmp_path / "run", "--scheduler", "tcp://127.0.0.1:9")
     assert (code, len(err.splitlines())) == (1, 1)
     assert "pip install '.[distributed]'" in err
+
+
+@pytest.mark.slow
+def test_the_page_on_clusters_has_the_numbers_of_the_model(capsys):
+    """Promise: docs/many_machines.md says what `python benchmarks/cluster_model.py` prints."""
+
+    def numbers(lines):
+        return [tuple(re.findall(r"\d+(?:\.\d+)?", line)) for line in lines]
+
+    benchmark("cluster_model").main()
+    printed = capsys.readouterr().out.splitlines()
+    page = (Path(__file__).parents[2] / "docs" / "many_machines.md").read_text()
+    tables = numbers(line for line in page.splitlines() if line.startswith("|"))
+    rows = [row for row in numbers(printed) if len(row) in (5, 7)]
+    assert len(rows) == 11
+    assert [row for row in rows if row not in tables] == []
+    (split,) = (line for line in printed if line.startswith("split:"))
+    renders, simulates, minutes, gigabytes = numbers([split])[0]
+    text = " ".join(page.split())
+    for words in (
+        f"give {renders} tasks",
+        f"{simulates} tasks of up to {minutes} minutes",
+        f"{gigabytes} GB",
+    ):
+        assert words in text

@@ -44,6 +44,16 @@ def test_every_command_explains_itself(eres, command):
 
 
 @pytest.mark.parametrize(
+    ("command", "hints"),
+    [("evaluate", ["346", "1.0", "inf", "0.2, or fitted"]), ("study", ["quick", "this process"])],
+)
+def test_help_says_what_an_option_is_that_is_not_given(eres, command, hints):
+    """Promise: where None stands for a value that the command chooses, help has that value."""
+    shown = " ".join(eres(command, "--help")[1].replace("│", " ").split())
+    assert [hint for hint in hints if f"(default: {hint})" not in shown] == []
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ["rig", "solve", "--out", "c.json"],

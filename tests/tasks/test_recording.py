@@ -473,7 +473,8 @@ def coded_floats(made, folder):
 @pytest.mark.parametrize("unit", [10.0, 1e-3])
 def test_floats_have_no_unit(made, tmp_path, unit):
     """Promise: white of float frames is the 99.9th percentile of the first one, as of footage, so
-    the unit of their light changes nothing."""
+    the unit of their light changes nothing. As footage, to which thresholds are fitted, white is
+    1."""
     frames = made.write_frames(tmp_path / "frames")
     table = frames / "frames.csv"
     table.write_text(table.read_text().replace(".png", ".tiff"))
@@ -484,8 +485,8 @@ def test_floats_have_no_unit(made, tmp_path, unit):
             cv2.imwrite(str(file.with_suffix(".tiff")), times * light)
         of_unit = open_frames(frames)
         footage = of_unit.footage()
-        first = next(iter(footage)) / footage.white_level
-        found.append((of_unit.white_level, of_unit.light(0), of_unit.light(3), first))
+        assert footage.white_level == 1.0
+        found.append((of_unit.white_level, of_unit.light(0), of_unit.light(3), next(iter(footage))))
     one, other = found
     assert other[0] == pytest.approx(unit * one[0])
     for light, expected in zip(other[1:], (one[1], one[2], one[1]), strict=True):
