@@ -12,9 +12,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -171,7 +171,8 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
     texture, radiance = -1, 0.0
     emitter = shape.emitter()
     emission = mi.traverse(emitter) if emitter is not None else {"radiance.value": 0.0}
-    known = not shape.has_flipped_normals()
+    plain = emitter is None or emitter.class_name() == "AreaLight"  # others have directions
+    known = plain and not shape.has_flipped_normals()
     if "radiance.value" in emission:
         radiance = float(np.ravel(emission["radiance.value"])[0])
     elif shape.has_vertex_texcoords() and _can_be_looked_up(emitter, emission, baked=baked):
@@ -210,7 +211,9 @@ def _is_like_baked(emitter: Any, emission: Any) -> bool:
     if "radiance.data" not in emission or "radiance.to_uv" not in emission:
         return False
     data = np.asarray(emission["radiance.data"])
-    if data.dtype != np.float16 or data.shape[2] != 1 or not np.all(data >= 0):
+    if data.dtype != np.float16 or data.shape[2] != 1:
+        return False
+    if not np.all(data >= 0) or np.any(np.signbit(data)):  # the kernels take the sign for a number
         return False
     image = data[:, :, 0].astype(np.float32)
     rows, columns = image.shape
@@ -224,8 +227,7 @@ def _is_like_baked(emitter: Any, emission: Any) -> bool:
     si.uv = mi.Point2f((x + 0.5) / columns, (y + 0.5) / rows)
     si.wi = mi.Vector3f(0, 0, 1)
     found = np.asarray(emitter.eval(si)[0])
-    border = cv2.BORDER_REPLICATE
-    expected = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border).ravel()
+    expected = map_coordinates(image, (y, x), order=1, mode="nearest")
     return bool(np.allclose(found, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
 
 
@@ -252,16 +254,20 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
     known = triangles.known & np.isfinite(normal).all(1) & np.isfinite(texel_of).all((1, 2))
     left, right, edge = _neighbors(vertices)
     size = float(np.max(np.ptp(vertices.reshape(-1, 3), axis=0)))
+    cosine = np.einsum("nvi,ni->nv", triangles.normals, normal)
+    cosine /= np.linalg.norm(triangles.normals, axis=2)
+    straight = (cosine > 1 - _STRAIGHT).all(1) | (cosine < _STRAIGHT - 1).all(1)
+    lit_side = np.where(straight, np.sign(cosine[:, 0]), 0.0)  # 0: either, for bent ones
 
     def holds(of: NDArray[np.intp], at: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether the planes and maps of some triangles hold at the vertices of others."""
+        """Whether planes, lit sides and maps of some triangles hold at the vertices of others."""
         offset = vertices[at] - vertices[of][:, :1]
         off_plane = np.abs(np.einsum("nvi,ni->nv", offset, normal[of])).max(1)
         found = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
         off_map = np.abs(found - triangles.texels[at]).max((1, 2))
         same = np.einsum("ni,ni->n", normal[of], normal[at]) > 0
         same &= (triangles.texture[of] == triangles.texture[at]) & known[of] & known[at]
-        same &= triangles.radiance[of] == triangles.radiance[at]
+        same &= (triangles.radiance[of] == triangles.radiance[at]) & (lit_side[of] == lit_side[at])
         return same & (off_plane < _FLAT * size) & (off_map < _TEXELS)
 
     joined = holds(left, right) & holds(right, left)
@@ -273,9 +279,6 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
     inside = piece[left] == piece[right]
     edges = np.delete(_edges(vertices), np.concatenate([edge[0], edge[1][inside]]), axis=0)
 
-    cosine = np.einsum("nvi,ni->nv", triangles.normals, normal)
-    cosine /= np.linalg.norm(triangles.normals, axis=2)
-    straight = (cosine > 1 - _STRAIGHT).all(1) | (cosine < _STRAIGHT - 1).all(1)
     whole = _largest(piece, vertices)
     pieces = Pieces(
         normal=normal[whole] * np.sign(cosine[whole, :1]),

@@ -208,6 +208,8 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
             )
         reflected, irradiance = _at_one_size(reflectance(shape.bsdf(), scene), maps[shape.id()])
         radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
+        # A resampled texture may ring below black; -0.0 is not one of the kernels' numbers.
+        radiance = np.abs(np.maximum(radiance, 0, out=radiance), out=radiance)
         texture = {
             "type": "bitmap",
             "bitmap": mi.Bitmap(radiance[..., None]),

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from eres_render import Camera, Distortion, Renderer
+from eres_render.rendering import lightmaps as lightmaps_module
 from eres_render.rendering import renderer as renderer_module
 from eres_render.rendering.backend import select_variant
 from light_scenes import log_difference
 
 
-def glowing(mi, vertices, faces, radiance, texcoords=None, **other):
+def glowing(mi, vertices, faces, radiance, texcoords=None, normals=None, **other):
     """A mesh of uniform or textured radiance; `other` settings of the texture."""
     texture = {"type": "uniform", "value": radiance}
     if texcoords is not None:
@@ -19,12 +20,15 @@ def glowing(mi, vertices, faces, radiance, texcoords=None, **other):
     emitter = mi.load_dict({"type": "area", "radiance": texture})
     properties = mi.Properties()
     properties["emitter"] = emitter
-    mesh = mi.Mesh("mesh", len(vertices), len(faces), properties, False, texcoords is not None)
+    has = normals is not None, texcoords is not None
+    mesh = mi.Mesh("mesh", len(vertices), len(faces), properties, *has)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.ravel(vertices).astype(np.float32)
     parameters["faces"] = np.ravel(faces).astype(np.uint32)
     if texcoords is not None:
         parameters["vertex_texcoords"] = np.ravel(texcoords).astype(np.float32)
+    if normals is not None:
+        parameters["vertex_normals"] = np.ravel(normals).astype(np.float32)
     parameters.update()
     return mesh
 
@@ -124,10 +128,7 @@ def compare_things(scene, monkeypatch, camera, width_px, length_px, parallel):
 def test_what_surfaces_emit_is_looked_up(small_carpet, monkeypatch, other, looked_up):
     """Promise: a texture that Mitsuba reads as a baked one is looked up, also beyond its sides, any
     other is traced; surfaces that emit nothing are black."""
-    if not select_variant().startswith("llvm"):
-        pytest.skip("other variants trace every sample")
-    import mitsuba as mi
-
+    mi = mitsuba_that_looks_up()
     if "to_uv" in other:
         other = {"to_uv": mi.ScalarTransform3f().scale(other["to_uv"])}
     image = np.exp(np.random.default_rng(0).normal(0, 0.3, (48, 64)))
@@ -136,14 +137,119 @@ def test_what_surfaces_emit_is_looked_up(small_carpet, monkeypatch, other, looke
     corners = np.array([[-1.4, -1.4, -4.0], [1.5, -1.4, -4.2], [1.5, 1.4, -4.1], [-1.4, 1.4, -3.9]])
     black = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([1.8, 0.0, -4.5])}
     shapes = {"print": glowing(mi, corners, faces, image, uv, **other), "black": black}
-    world = mi.load_dict({"type": "scene", **shapes})
-    monkeypatch.setattr(renderer_module, "load_mi_scene", lambda *_: world)
-    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
-    renderer = Renderer(small_carpet, spp=16, integrator="emission", camera=camera)
-    frame = renderer.frame(np.diag([1.0, -1.0, -1.0, 1.0]))
-    assert (renderer._look_up.traced < 0.1 * frame.size) == looked_up
-    renderer._look_up = None
-    traced = renderer.frame(np.diag([1.0, -1.0, -1.0, 1.0]))
+    frame, traced, share = emission(small_carpet, monkeypatch, shapes)
+    assert (share < 0.1) == looked_up
     np.testing.assert_allclose(frame, traced, rtol=2e-3, atol=1e-6)
     assert np.ptp(traced) > 0.5
     assert np.any(traced == 0)
+
+
+def mitsuba_that_looks_up():
+    if not select_variant().startswith("llvm"):
+        pytest.skip("other variants trace every sample")
+    import mitsuba as mi
+
+    return mi
+
+
+def emission(scene, monkeypatch, shapes):
+    """Return a frame of what shapes emit, the same traced, and the share of traced pixels in it."""
+    import mitsuba as mi
+
+    world = mi.load_dict({"type": "scene", **shapes})
+    monkeypatch.setattr(renderer_module, "load_mi_scene", lambda *_: world)
+    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
+    renderer = Renderer(scene, spp=16, integrator="emission", camera=camera)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    frame, share = renderer.frame(pose), renderer._look_up.traced / WIDTH**2
+    renderer._look_up = None
+    return frame, renderer.frame(pose), share
+
+
+FACES = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+
+
+def two_quads():
+    """Return the corners of a large and a small rectangle of one plane, which fill the view."""
+    across = np.array([-2.5, 1.0, 1.0, -2.5, 1.0, 2.5, 2.5, 1.0])
+    down = np.array([-2.5, -2.5, 2.5, 2.5] * 2)
+    return np.stack([across, down, np.full(8, -4.0)], 1)
+
+
+@pytest.mark.parametrize("large_side", [1.0, -1.0])
+def test_parts_of_a_plane_that_are_lit_from_opposite_sides_stay_apart(
+    small_carpet, monkeypatch, large_side
+):
+    """Promise: shading normals decide which side glows, for each triangle of a plane."""
+    mi = mitsuba_that_looks_up()
+    normals = np.repeat([[0.0, 0.0, large_side], [0.0, 0.0, -large_side]], 4, axis=0)
+    shapes = {"plane": glowing(mi, two_quads(), FACES, 1.0, normals=normals)}
+    frame, traced, share = emission(small_carpet, monkeypatch, shapes)
+    assert share < 0.1
+    np.testing.assert_allclose(frame, traced, atol=1e-6)
+    assert (traced.min(), traced.max()) == (0.0, 1.0)
+
+
+def test_a_plane_with_some_bent_normals_keeps_its_straight_part(small_carpet, monkeypatch):
+    """Promise: tilted shading normals of a strip do not darken the rest of its plane."""
+    mi = mitsuba_that_looks_up()
+    normals = np.repeat([[0.0, 0.0, 1.0], [0.99, 0.0, -0.14]], 4, axis=0)
+    shapes = {"plane": glowing(mi, two_quads(), FACES, 1.0, normals=normals)}
+    frame, traced, share = emission(small_carpet, monkeypatch, shapes)
+    np.testing.assert_allclose(frame, traced, atol=1e-6)
+    assert share < 0.5
+    assert (traced.min(), traced.max()) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("least", [np.float16(-0.0), np.float16(-1e-3)])
+def test_a_negative_zero_is_black(small_carpet, monkeypatch, least):
+    """Promise: half-floats below +0.0, as a resampled texture has, are what Mitsuba reads."""
+    mi = mitsuba_that_looks_up()
+    image = np.random.default_rng(0).uniform(0.1, 1.0, (64, 64))
+    image[20:24, 30:40] = least
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    shapes = {"print": glowing(mi, two_quads()[:4], FACES[:2], image, uv)}
+    frame, traced, _ = emission(small_carpet, monkeypatch, shapes)
+    np.testing.assert_allclose(frame, traced, rtol=2e-3, atol=1e-3)
+    assert traced.max() < 1.1
+
+
+def test_a_very_wide_texture_is_looked_up(small_carpet, monkeypatch):
+    """Promise: sides of more than 32,767 texels are read as any other."""
+    mi = mitsuba_that_looks_up()
+    image = np.random.default_rng(0).uniform(0.1, 1.0, (2, 40_000))
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    shapes = {"print": glowing(mi, two_quads()[:4], FACES[:2], image, uv)}
+    frame, traced, share = emission(small_carpet, monkeypatch, shapes)
+    assert share < 0.1
+    np.testing.assert_allclose(frame, traced, atol=0.2)  # 16 samples of some 250 texels each
+
+
+def test_a_lamp_that_glows_in_one_direction_is_traced(small_carpet, monkeypatch):
+    """Promise: only Mitsuba's area lights are looked up."""
+    mi = mitsuba_that_looks_up()
+    lamp = mi.load_dict({"type": "directionalarea", "radiance": 5.0})
+    properties = mi.Properties()
+    properties["emitter"] = lamp
+    mesh = mi.Mesh("lamp", 4, 2, properties, False, False)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ravel(two_quads()[:4]).astype(np.float32)
+    parameters["faces"] = np.ravel(FACES[:2]).astype(np.uint32)
+    parameters.update()
+    print_ = glowing(mi, two_quads()[4:], FACES[:2], 1.0)
+    frame, traced, _ = emission(small_carpet, monkeypatch, {"lamp": mesh, "print": print_})
+    np.testing.assert_allclose(frame, traced, atol=1e-6)
+    assert traced.max() == 1.0
+
+
+def test_a_resampled_reflectance_may_ring_below_black(small_carpet, monkeypatch):
+    """Promise: baked textures have no negative zeros and no negative light."""
+    mi = mitsuba_that_looks_up()
+    texels = np.random.default_rng(0).uniform(0.0, 0.5, (64, 64)).astype(np.float32)
+    texels[10:20, 10:20], texels[30:40, 30:40] = -1e-9, -0.01
+    monkeypatch.setattr(lightmaps_module, "reflectance", lambda *_: texels)
+    world, _ = lightmaps_module.baked_scene(small_carpet)
+    (carpet,) = (shape for shape in world.shapes() if shape.id() == "carpet")
+    found = np.asarray(mi.traverse(carpet.emitter())["radiance.data"])
+    assert not np.any(np.signbit(found))
+    assert np.count_nonzero(found == 0) >= 200
