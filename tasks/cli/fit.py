@@ -125,7 +125,7 @@ def fit(
 
 def _print_remarks(found: Found) -> None:
     """Print what the fields of the profile do not say."""
-    from tasks.fitting.motion import NOISY
+    from tasks.recording.motion import NOISY
 
     if found.thresholds is not None:
         terminal.out.print(found.sentence(), soft_wrap=True)

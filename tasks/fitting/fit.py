@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import TaskError
-from tasks.fitting.motion import MotionResponse, fit_motion
 from tasks.fitting.profile_file import Measured
 from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.recording.frames import Frames
 from tasks.recording.levels import busiest, every_second, levels_of, light_between
-from tasks.recording.threshold import FittedThresholds, best_delay_us, fit_thresholds
+from tasks.recording.motion import MotionResponse, fit_motion, lag
+from tasks.recording.threshold import FittedThresholds, fit_thresholds
 
 DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Dark levels of the sweep, shares of white."""
@@ -251,7 +251,7 @@ def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Pr
         motion = fit_motion(levels, coarse, exposure_us)
         late = 1e6 * motion.latency_s.value, motion.pole_s, motion.poles
     else:
-        late = best_delay_us(levels), 0.0, 2
+        late = lag(levels)
     on_progress("fitting", 3, most)
     thresholds = fit_thresholds(levels, coarse, *late)
     sweep = []

@@ -1,19 +1,22 @@
 """The clock of the frames, from frames and events.
 
-At the right shift of the frames, events explain most of the change from frame to frame, whatever
-an event is worth.
+Near the right shift of the frames, events explain most of the change from frame to frame, whatever
+an event is worth. At the right one, the light is at a level of the comparator at each event.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tasks.errors import TaskError
-from tasks.recording.frames import Frames
+from tasks.recording.frames import DARK, Frames
+from tasks.recording.levels import levels_of, light_between
+from tasks.recording.line import best_delay_us
 from tasks.recording.pairs import check_frames, events_of, inside, sums
-from tasks.recording.recording import Recording
+from tasks.recording.recording import Recording, cut
 from tasks.recording.worth import Explained
 
 REACH_US = 20_000
@@ -47,9 +50,12 @@ class Shift:
 def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
     """Estimate the difference between the clocks of frames and events.
 
-    The shift minimizes the unexplained change of the first five pairs, over 20 ms in both
-    directions in steps of 1 ms, refined by a parabola through the best three. Not all of it comes
-    from clocks: events come after the light has changed by a threshold, and later in a slow sensor.
+    A first shift minimizes the unexplained change of the first five pairs, over 20 ms in both
+    directions in steps of 1 ms, refined by a parabola through the best three. It is too late by the
+    time in which the light changes by half a threshold or so, as events come only after that. The
+    second step, in the same frames, has no such bias: it looks for the delay at which the light
+    between the frames fits best from one event of a pixel to the next. What is left besides the
+    clocks is the delay of the sensor itself.
 
     Parameters
     ----------
@@ -62,21 +68,40 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
         None if no pair is 20 ms or more inside the recording, or the best shift is at either end.
     """
     pairs = inside(recording, frames, REACH_US)[:_MOST_PAIRS]
-    shifts_us = np.arange(-REACH_US, REACH_US + STEP_US, STEP_US)
-    fits = [Explained() for _ in shifts_us]
-    for k, events in zip(pairs, events_of(recording, frames, pairs, REACH_US), strict=True):
-        before, after = frames.log_light(k), frames.log_light(k + 1)
-        for shift_us, fit in zip(shifts_us, fits, strict=True):
-            fit.add(before, after, sums(events, frames, k, int(shift_us)))
-    left = np.array([1.0 if one is None else one[1] for one in (fit.solve() for fit in fits)])
+    shifts_us = range(-REACH_US, REACH_US + STEP_US, STEP_US)
+    left = _unexplained(recording, frames, pairs, shifts_us)
     best = int(np.argmin(left))
     if not 0 < best < len(left) - 1:
         return None
     low, middle, high = left[best - 1 : best + 2]
     curvature = low - 2 * middle + high
     fraction = 0.5 * (low - high) / curvature if curvature > 0 else 0.0
-    found_us = int(np.rint(shifts_us[best] + fraction * STEP_US))
-    return Shift(found_us, float(middle), float(left[len(left) // 2]))
+    first_us = round(shifts_us[best] + fraction * STEP_US)
+    found_us = first_us + round(_lateness_us(recording, frames.later(first_us), pairs))
+    return Shift(found_us, *_unexplained(recording, frames, pairs, (found_us, 0)))
+
+
+def _unexplained(
+    recording: Recording, frames: Frames, pairs: Sequence[int], shifts_us: Sequence[int]
+) -> list[float]:
+    """Return the share of squared change that events do not explain, for each shift of frames."""
+    fits = [Explained() for _ in shifts_us]
+    for k, events in zip(pairs, events_of(recording, frames, pairs, REACH_US), strict=True):
+        before, after = frames.log_light(k), frames.log_light(k + 1)
+        for shift_us, fit in zip(shifts_us, fits, strict=True):
+            fit.add(before, after, sums(events, frames, k, shift_us))
+    return [1.0 if one is None else one[1] for one in (fit.solve() for fit in fits)]
+
+
+def _lateness_us(recording: Recording, frames: Frames, pairs: Sequence[int]) -> float:
+    """Return how late events are to the light between some frames; 0 if these do not show it."""
+    seen = frames.some(np.arange(pairs[0], pairs[-1] + 2))
+    start_us, end_us = seen.middle_us[[0, -1]].tolist()
+    events = next(cut(recording.parts(), [(start_us, end_us)]))
+    try:
+        return best_delay_us(levels_of(events, light_between(seen), DARK))
+    except TaskError:
+        return 0.0
 
 
 def on_one_clock(

@@ -19,7 +19,6 @@ from sensor.profiles import read_profile
 from tasks.errors import TaskError
 from tasks.fitting.fit import Evidence, Found
 from tasks.fitting.fit import fit as fit_recording
-from tasks.fitting.motion import fit_motion
 from tasks.fitting.profile_file import write_profile
 from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
@@ -28,7 +27,9 @@ from tasks.footage import Footage
 from tasks.numerics.estimate import bootstrap, poisson_rate, share
 from tasks.recording.frames import open_frames
 from tasks.recording.levels import Levels, levels_of
-from tasks.recording.threshold import _solved, best_delay_us, fit_line, fit_thresholds
+from tasks.recording.line import best_delay_us, fit_line, solved
+from tasks.recording.motion import fit_motion, lag
+from tasks.recording.threshold import fit_thresholds
 
 HEIGHT, WIDTH = 60, 80
 
@@ -203,7 +204,7 @@ def test_intervals_of_a_small_part_are_those_of_its_pixels():
     events = moving(0.2, 0.25, 1e-2, threshold_mismatch=0.03)
     corner = events.where((events.x < 8) & (events.y < 8))
     (levels, _), (all_levels, _) = known(corner, 1e-2), known(events, 1e-2)
-    width, all_width = (bootstrap(fit_line(one).sums, _solved)[0] for one in (levels, all_levels))
+    width, all_width = (bootstrap(fit_line(one).sums, solved)[0] for one in (levels, all_levels))
     times = math.sqrt(len(all_levels.t_us) / len(levels.t_us))
     assert width.high - width.low > 0.3 * times * (all_width.high - all_width.low)
 
@@ -226,6 +227,22 @@ def test_frames_give_back_the_thresholds(C_on, C_off, dark):
     inside(found.off, C_off)
     assert found.on.high - found.on.low < 0.2 * C_on
     assert found.unexplained < 0.05
+
+
+@pytest.mark.parametrize(
+    ("cutoff_hz", "photoreceptor", "raised"),
+    [(200.0, "two_pole", 1.01), (50.0, "two_pole", 1.05), (50.0, "one_pole", 1.03)],
+)
+def test_a_slow_photoreceptor_does_not_raise_the_thresholds(cutoff_hz, photoreceptor, raised):
+    """Physics: it smooths the light before the comparator; light that is only late changes more."""
+    events = moving(0.2, 0.25, 1e-2, cutoff_hz=cutoff_hz, photoreceptor=photoreceptor)
+    levels, coarse = known(events, 1e-2)
+    found = fit_thresholds(levels, coarse, *lag(levels))
+    late = fit_thresholds(levels, coarse, best_delay_us(levels))
+    for one, delayed, C in zip(found[:2], late[:2], (0.2, 0.25), strict=True):
+        assert one.low < C < one.high
+        assert one.value == pytest.approx(C, rel=0.02)
+        assert delayed.value > raised * one.value
 
 
 def test_a_wrong_dark_level_gives_other_thresholds():

@@ -13,7 +13,7 @@ from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, bootstrap
 from tasks.recording.levels import Levels
-from tasks.recording.threshold import best_delay_us, fit_line, misfit
+from tasks.recording.line import best_delay_us, fit_line, misfit
 
 Float64 = NDArray[np.float64]
 
@@ -135,6 +135,36 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
         unexplained=unexplained,
         events=len(levels),
     )
+
+
+def lag(levels: Levels) -> tuple[float, float, int]:
+    """Return how the light at the events is late and smooth, for thresholds alone.
+
+    A photoreceptor also smooths the light. Thresholds of light that is only late would be too high:
+    by 9 % at 200 Hz and 24 % at 50 Hz where the image moves by up to 565 px/s.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+
+    Returns
+    -------
+    delay_us, pole_s, poles
+        For `fit_thresholds`. Events that are not later than their light have a delay alone.
+
+    Raises
+    ------
+    TaskError
+        The events do not follow the light.
+    """
+    delay_us = best_delay_us(levels)
+    if delay_us < _LEAST_US:
+        return delay_us, 0.0, 2
+    fits = {poles: _Fit(levels, poles, delay_us) for poles in (1, 2)}
+    poles = min(fits, key=lambda poles: fits[poles].costs.sum())
+    _, pole_s, latency_s = fits[poles].answer().tolist()
+    return 1e6 * latency_s, pole_s, poles
 
 
 def _corner_hz(pole_s: float) -> float:
