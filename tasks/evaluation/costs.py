@@ -42,7 +42,17 @@ PICTURE_SCORE_S = 0.03
 
 
 def share_of_1280(width: int, height: int) -> float:
-    """Return the pixels of a sensor, or of a patch of it, over those at 1280 x 1280 px."""
+    """Return the share of 1280 x 1280 px that a sensor, or a patch of it, has.
+
+    Parameters
+    ----------
+    width, height
+        Of the sensor, px; for a patch, whose side follows the width, the width twice.
+
+    Returns
+    -------
+    The share.
+    """
     return width * height / 1280**2
 
 

@@ -101,7 +101,17 @@ class TaskSettings:
         return {Stretches(): self}
 
     def score_s(self, width: int, height: int) -> float:
-        """Estimate how long it takes to score one sensor at base speed, in seconds of one core."""
+        """Estimate how long it takes to score one sensor at base speed.
+
+        Parameters
+        ----------
+        width, height
+            Of the sensor, px.
+
+        Returns
+        -------
+        Seconds of one core.
+        """
         return 0.0
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -153,6 +163,7 @@ class Reconstruction(TaskSettings):
     upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
     def score_s(self, width: int, height: int) -> float:
+        """As `TaskSettings.score_s`."""
         return RECONSTRUCTION_S * len(self.methods)
 
 
@@ -193,6 +204,7 @@ class Flow(TaskSettings):
         return {Stretches(): usual, fast: replace(usual, methods=self.fast_methods)}
 
     def score_s(self, width: int, height: int) -> float:
+        """As `TaskSettings.score_s`."""
         patches = self.features * (1 + self.native_patch)
         one_s = sum(answer_s("flow", method) for method in self.methods)
         return one_s * share_of_1280(width, width) * patches  # their sides follow the width
@@ -227,6 +239,7 @@ class DenseFlow(NetworkSettings):
         return {Stretches(windows_before=1): self}
 
     def score_s(self, width: int, height: int) -> float:
+        """As `TaskSettings.score_s`."""
         one_s = sum(answer_s("dense_flow", method) for method in self.methods)
         return one_s * share_of_1280(width, height)
 
@@ -276,6 +289,7 @@ class Tracking(TaskSettings):
         return self.max_delay_us if estimated else 0
 
     def score_s(self, width: int, height: int) -> float:
+        """As `TaskSettings.score_s`."""
         starts = len(self.sigmas_mm)
         return sum(paths_s(method, self.max_events, starts) for method in self.methods)
 
@@ -346,6 +360,7 @@ class Video(NetworkSettings):
         return round((self.duration_s - self.run_in_s) / self.every_s)
 
     def score_s(self, width: int, height: int) -> float:
+        """As `TaskSettings.score_s`."""
         images_s = self.images * sum(answer_s("video", method) for method in self.methods)
         windows_s = 0.0
         for method in self.methods:
