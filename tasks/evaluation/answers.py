@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterator
-from copy import copy
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -96,12 +95,15 @@ def ask_each(
 
 
 def _copied(given: Any) -> Any:
-    """Return arrays, events, or a sample with arrays, events and paths of its own."""
+    """Return arrays, events, or a sample with arrays, events and paths of its own.
+
+    What was computed from the fields and kept is not copied: it would not follow their changes.
+    """
     if isinstance(given, np.ndarray | Events):
         return given.copy()
     if not is_dataclass(given) or isinstance(given, type):
         return given
-    copied = copy(given)
+    copied = object.__new__(type(given))
     for one in fields(given):
         object.__setattr__(copied, one.name, _copied(getattr(given, one.name)))
     return copied
@@ -188,7 +190,7 @@ def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstim
     if path.duration_s < least_s - _SAME_S:
         found = f"a path of {path.duration_s:g} s"
         raise _refusal("tracking", name, found, f"one of at least {least_s:g} s")
-    return answer
+    return replace(answer, path=_copied(path))  # the method may have changed it after using it
 
 
 def image_answer(

@@ -3,6 +3,7 @@
 import math
 import traceback
 from dataclasses import dataclass, fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from finished_runs import page_of
 from sensor import Events
 from small_study import only
 from tasks.errors import MethodError, TaskError
-from tasks.evaluation.answers import ask
+from tasks.evaluation.answers import ask, path_answer
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import task_of
 from tasks.reconstruction import ReconstructionSample
@@ -258,6 +259,29 @@ def test_a_sample_in_a_sample_is_copied_too():
     moved, still = (TrackingEstimate(one) for one in (changed.initial, replace(path)))
     assert failure_of(moved, path, 1000.0, 10.0) == "ended far off"
     assert failure_of(still, path, 10.0, 10.0) == ""
+
+
+@pytest.mark.parametrize("used_by", ["the scorer", "the method"])
+def test_a_path_changed_in_place_is_scored_as_it_then_is(used_by):
+    """Promise: control poses that a method changes in place are those of the scored path, also if
+    poses of the path were computed before."""
+    controls = np.tile(np.eye(4), (10, 1, 1))
+    controls[:, 0, 3] = 0.002 * np.arange(-1.0, 9.0)
+    initial = Trajectory(0.002 * np.arange(-1.0, 9.0), controls)
+
+    def changes(path):
+        if used_by == "the method":
+            path.pose(0.005)
+        path.controls[5, 0, 3] += 1.0
+        return TrackingEstimate(path)
+
+    if used_by == "the scorer":
+        initial.pose(0.005)
+    answer, _ = ask("tracking", f"{HERE}:changes", changes, initial)
+    found = path_answer("changes", SimpleNamespace(initial=initial), answer).path
+    controls[5, 0, 3] += 1.0
+    t_s = np.linspace(0.0, 0.014, 50)
+    np.testing.assert_array_equal(found.pose(t_s), Trajectory(initial.knots_s, controls).pose(t_s))
 
 
 class Overwriting(Blank):

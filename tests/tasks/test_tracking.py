@@ -18,7 +18,7 @@ from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Tracking
 from tasks.methods import initial_path, load_method
 from tasks.methods import photometric_tracking as eppt
-from tasks.methods.photometric_tracking import accumulation, search
+from tasks.methods.photometric_tracking import accumulation, search, tracker
 from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import (
@@ -313,6 +313,29 @@ def test_a_delay_is_told_apart_by_the_reference_view(scene):
         assert "bound" in bounded.failure
         assert bounded.path is sample.initial
         assert bounded.diagnostics.delay_us == most_us
+
+
+def test_a_sample_that_changed_in_place_is_searched_again(scene):
+    """Promise: an answer is that of the sample's arrays as they are, whatever was asked before."""
+    sample = sample_of(scene, 0.002, 0, max_events=2000)
+    eppt.estimate(sample)
+    sample.p[:] *= -1
+    again, fresh = eppt.estimate(sample), eppt.estimate(replace(sample))
+    assert again.diagnostics == fresh.diagnostics
+    np.testing.assert_array_equal(again.path.controls, fresh.path.controls)
+
+
+def test_both_methods_share_one_coarse_search(scene, monkeypatch):
+    """Promise: the second method on a sample does not repeat the search of the coarse levels."""
+    starts = []
+    counted = tracker.problem_of
+    monkeypatch.setattr(
+        tracker, "problem_of", lambda sample, us: starts.append(us) or counted(sample, us)
+    )
+    sample = sample_of(scene, 0.002, 0, max_events=2000, max_delay_us=2000)
+    eppt.estimate(sample)
+    eppt.estimate_with_delay(sample)
+    assert len(starts) == 2  # the search of all of the late path is the second's own
 
 
 def test_a_random_part_keeps_pixels_whole(scene):

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
+from zlib import crc32
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -114,19 +115,31 @@ class _Start(NamedTuple):
     finest: Level | None
 
 
-_starts: WeakKeyDictionary[TrackingSample, _Start] = WeakKeyDictionary()
+_starts: WeakKeyDictionary[TrackingSample, tuple[list[int], _Start]] = WeakKeyDictionary()
 
 
 def _start_of(sample: TrackingSample) -> _Start:
-    """Return the start that both methods share; it is kept as long as its sample."""
-    if sample not in _starts:
+    """Return the start that both methods share; it is kept as long as its sample is the same."""
+    checksums = _checksums(sample)
+    known, start = _starts.get(sample, (None, None))
+    if start is None or known != checksums:
         problem, failure = problem_of(sample, knots_us(sample.initial)[1])
         levels = (
             [] if failure else list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
         )
         found = search(problem, sample.initial, levels[:-1] or levels)
-        _starts[sample] = _Start(problem, failure, found, levels[-1] if levels[1:] else None)
-    return _starts[sample]
+        start = _Start(problem, failure, found, levels[-1] if levels[1:] else None)
+        _starts[sample] = checksums, start
+    return start
+
+
+def _checksums(sample: TrackingSample) -> list[int]:
+    """Return checksums of a sample's arrays, which a user's method may change in place."""
+    arrays = (
+        *(sample.x, sample.y, sample.t_us, sample.t_before_us, sample.p, sample.log_image),
+        *(sample.T_0, sample.initial.knots_s, sample.initial.controls),
+    )
+    return [crc32(np.ascontiguousarray(array).data) for array in arrays]
 
 
 def _judge(
