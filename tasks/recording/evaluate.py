@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -9,6 +11,7 @@ from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.methods import check_method
+from tasks.methods.contrast_maximization import AT_BOUND
 from tasks.recording.clock import on_one_clock
 from tasks.recording.dense_flow import score_dense_flow
 from tasks.recording.flow import LOCAL, score_flow
@@ -113,7 +116,7 @@ def evaluate_recording(
     thresholds = _thresholds(recording, frames, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
-        notes += _answers_of_no_motion(found)
+        notes += _answers_of_no_motion(found) + _failures(found)
     elif frames is None:
         raise AssertionError("images are scored against frames")
     elif task == "video":
@@ -129,13 +132,30 @@ def _answers_of_no_motion(scores: Sequence[RecordingScore]) -> list[str]:
     """Return a note on each method most of whose flows are exactly zero."""
     notes = []
     for name in dict.fromkeys(score.method for score in scores):
-        gains = [one.value for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN)]
-        still = gains.count(1.0)
-        if name != TASKS["flow"].baseline and still > len(gains) / 2:
+        mine = [one for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN)]
+        still = sum(one.value == 1.0 and not one.failure for one in mine)
+        if name != TASKS["flow"].baseline and still > len(mine) / 2:
             notes.append(
-                f"{name}: {still} of {len(gains)} answers are that nothing moves, where events on "
+                f"{name}: {still} of {len(mine)} answers are that nothing moves, where events on "
                 "the grid of pixels are sharpest; a longer --window-ms has more motion"
             )
+    return notes
+
+
+def _failures(scores: Sequence[RecordingScore]) -> list[str]:
+    """Return a note on each method most of whose flows are failures, with the usual reason."""
+    notes = []
+    for name in dict.fromkeys(score.method for score in scores):
+        mine = [one for one in scores if one.method == name]
+        failures = [one.failure for one in mine if one.failure]
+        reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
+        if len(failures) > len(mine) / 2:
+            reason = reasons.most_common(1)[0][0]
+            said = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
+            if reason == AT_BOUND:
+                shorter = " or a shorter --window-ms" if mine[0].metric == CONTRAST_GAIN else ""
+                said += f"; a larger --search-px{shorter} helps"
+            notes.append(said)
     return notes
 
 

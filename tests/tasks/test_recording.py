@@ -60,20 +60,25 @@ def far_off(sample: FlowSample) -> FlowEstimate:
     return FlowEstimate(np.array([60.0, 0.0]))
 
 
-def test_answers_beyond_the_search_are_scored_as_they_are(tmp_path):
-    """Promise: without frames, the gain is that of the flow that a method returns, also beyond
-    `search_px`, 21.6 px by default here: dots that move 31 px in the window are sharpest there.
-
-    Expected: the gain does not depend on `search_px`.
-    """
+def moving_dots(folder):
+    """Open a recording of dots that move 31 px to the right in 31 ms."""
     rng = np.random.default_rng(0)
     start, step = rng.uniform(0, 346 - 31, (600, 1)), np.arange(31)
     x, y = np.floor(start + step).ravel(), np.repeat(rng.integers(0, 260, 600), 31)
     t_us = (1000 * (step + rng.random((600, 1)))).astype(np.int64).ravel()
     order = np.argsort(t_us, kind="stable")
     dots = make_events(*(one[order] for one in (t_us, x, y, np.ones(x.size))), 346, 260)
-    write_events(tmp_path / "dots.h5", dots)
-    recording = open_recording(tmp_path / "dots.h5")
+    write_events(folder / "dots.h5", dots)
+    return open_recording(folder / "dots.h5")
+
+
+def test_answers_beyond_the_search_are_scored_as_they_are(tmp_path):
+    """Promise: without frames, the gain is that of the flow that a method returns, also beyond
+    `search_px`, 21.6 px by default here: dots that move 31 px in the window are sharpest there.
+
+    Expected: the gain does not depend on `search_px`.
+    """
+    recording = moving_dots(tmp_path)
     names = [f"{__name__}:{name}" for name in ("moving_right", "far_off")]
     gains = []
     for search_px in (None, 40.0):
@@ -83,6 +88,27 @@ def test_answers_beyond_the_search_are_scored_as_they_are(tmp_path):
     assert right[0] > 1.5 * wrong[0]
     np.testing.assert_allclose(right, right[0], rtol=0.02)
     np.testing.assert_allclose(wrong, wrong[0], rtol=0.02)
+
+
+def standing_still(sample: FlowSample) -> FlowEstimate:
+    return FlowEstimate(np.zeros(2))
+
+
+def test_what_most_answers_have_in_common_is_a_note(tmp_path):
+    """Promise: a search that ends at its bound is no answer that nothing moves, and the note on it
+    says what helps; answers that nothing moves have a note of their own."""
+    still = f"{__name__}:standing_still"
+    options = FlowOptions(search_px=8.0, window_ms=30.9, features=20)
+    methods = ["contrast_maximization", still, "initial_flow"]
+    found = evaluate_recording(moving_dots(tmp_path), "flow", methods=methods, flow=options)
+    failed = [one.failure for one in found.scores if one.method == methods[0] and one.failure]
+    assert set(failed) == {"search ended at its bound"}
+    assert found.notes == [
+        f"{still}: 20 of 20 answers are that nothing moves, where events on the grid of pixels are "
+        "sharpest; a longer --window-ms has more motion",
+        f"contrast_maximization: {len(failed)} of 20 answers failed, mostly with 'search ended at "
+        "its bound'; a larger --search-px or a shorter --window-ms helps",
+    ]
 
 
 @pytest.mark.parametrize("part", [1, 7, 1000, 10**6])

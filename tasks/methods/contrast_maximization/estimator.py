@@ -9,6 +9,8 @@ from tasks.methods.contrast_maximization.contrast import Contrast
 from tasks.methods.contrast_maximization.search import find_sharpest
 
 MIN_EVENTS = 10
+AT_BOUND = "search ended at its bound"
+"""Reason of a failure: contrast still grows there."""
 
 
 def estimate(
@@ -45,7 +47,7 @@ def estimate(
     find_sharpest(contrast.patch, contrast.work, sample.initial, reach, simplex)
     offset = simplex[0, :2]
     if np.abs(offset).max() > 0.98 * reach:
-        return FlowEstimate(sample.initial, "search ended at its bound")
+        return FlowEstimate(sample.initial, AT_BOUND)
     return FlowEstimate(sample.initial + offset)
 
 
