@@ -62,6 +62,9 @@ class TaskSpec:
         them.
     diagnostics
         Names of the methods that get the truth: they bound what others can reach.
+    without_threshold
+        Names of the methods that do not use the contrast threshold: for these alone, a recording
+        needs no estimate of it.
     labels
         Names of methods in words, where they differ from the name without underscores.
     """
@@ -79,6 +82,7 @@ class TaskSpec:
     extensions: tuple[str, ...] = ()
     networks: Mapping[str, str] = field(default_factory=dict)
     diagnostics: tuple[str, ...] = ()
+    without_threshold: tuple[str, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)
     summary: str = ""
 
@@ -125,6 +129,7 @@ _TASKS = {
         settings=f"{_SETTINGS}:Reconstruction",
         sample="tasks.reconstruction:ReconstructionSample",
         extensions=("event_integration_nearest", "event_integration_bilinear"),
+        without_threshold=("no_events",),
     ),
     "video": TaskSpec(
         title="video reconstruction",
@@ -150,6 +155,7 @@ _TASKS = {
             "our_reconstruction_all_light": f"{_NETWORKS}.ours:reconstruction_all_light",
         },
         diagnostics=("late_truth", "filtered_truth"),
+        without_threshold=("e2vid", "late_truth", "filtered_truth", "blank"),
         labels={
             "e2vid": "E2VID",
             "our_reconstruction_ideal_light": "our network, ideal light",
@@ -187,6 +193,11 @@ _TASKS = {
             *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
             "photometric_flow_with_delay",
             *("contrast_maximization_by_gradient", "contrast_maximization_by_plain_variance"),
+        ),
+        without_threshold=(
+            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
+            *("contrast_maximization", "contrast_maximization_by_gradient"),
+            *("contrast_maximization_by_plain_variance", "initial_flow"),
         ),
     ),
     "dense_flow": TaskSpec(

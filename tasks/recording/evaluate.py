@@ -80,8 +80,8 @@ def evaluate_recording(
     shift_us
         Added to the times of the frames, microseconds; None estimates it.
     contrast_threshold
-        C, log units; by default that of the file's sensor model, or fitted to the frames, or 0.2
-        without frames.
+        C, log units; by default that of the file's sensor model, or fitted to the frames if a
+        method uses it, or 0.2.
     flow
         Windows and patches of flow.
     weights
@@ -113,7 +113,9 @@ def evaluate_recording(
     if task == "dense_flow":
         found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
         return RecordingEvaluation(found, notes)
-    thresholds = _thresholds(recording, frames, contrast_threshold, task, notes)
+    used = not {*names} <= {*TASKS[task].without_threshold}
+    seen = frames if used else None
+    thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
         notes += _answers_of_no_motion(found) + _failures(found)

@@ -29,6 +29,7 @@ from tasks.recording.recording import cut, open_recording
 from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.tracks import track
 from tasks.recording.worth import worth_of_events
+from tasks.registry import TASKS
 
 
 @pytest.fixture(scope="module")
@@ -284,6 +285,32 @@ def test_frames_that_show_no_thresholds_say_what_to_give(recording, frames):
     """Promise: the error names the option that makes the fit unnecessary."""
     with pytest.raises(TaskError, match=r"found 2 frames within .*; or give --threshold"):
         evaluate_recording(recording, "flow", frames=frames.some(np.arange(1, 3)))
+
+
+def test_thresholds_are_fitted_for_methods_that_use_them(made, frames, tmp_path):
+    """Promise: ON events alone, from which no thresholds follow, stop no evaluation whose methods
+    do not use them; an own method may use them."""
+    write_events(tmp_path / "on.h5", made.events.where(made.events.p > 0))
+    on = open_recording(tmp_path / "on.h5")
+    options = FlowOptions(patch_px=21, windows=3, features=6, search_px=6.0)
+    methods = ["contrast_maximization", "initial_flow"]
+    found = evaluate_recording(on, "flow", frames=frames, methods=methods, flow=options)
+    assert set(medians(found)) == set(methods)
+    assert not any("threshold" in note for note in found.notes)
+    own = [f"{__name__}:standing_still", "initial_flow"]
+    with pytest.raises(TaskError, match="or give --threshold"):
+        evaluate_recording(on, "flow", frames=frames, methods=own, flow=options)
+
+
+def test_methods_without_a_threshold_answer_the_same_with_any(recording, frames):
+    """Promise: the methods of flow that are listed as such do not use the threshold."""
+    options = FlowOptions(patch_px=21, windows=3, features=6, search_px=6.0)
+    scores = []
+    for threshold in (0.2, 0.5):
+        given = {"methods": TASKS["flow"].without_threshold, "contrast_threshold": threshold}
+        found = evaluate_recording(recording, "flow", frames=frames, flow=options, **given)
+        scores.append(found.scores)
+    assert scores[0] == scores[1]
 
 
 def test_flow_without_frames_sharpens_the_events(recording):
