@@ -170,11 +170,10 @@ def write_slider(file: Path, slider: Slider) -> None:
     file
         The file.
     slider
-        The readings, at whole microseconds.
+        The readings.
     """
-    lines = (
-        f"{t:.0f},{x!r}" for t, x in zip(slider.t_us.tolist(), slider.x_m.tolist(), strict=True)
-    )
+    readings = zip(slider.t_us.tolist(), slider.x_m.tolist(), strict=True)
+    lines = (f"{int(t) if t.is_integer() else t},{x!r}" for t, x in readings)
     write_text(file, ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n")
 
 

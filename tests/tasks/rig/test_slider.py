@@ -107,8 +107,12 @@ def test_a_file_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):
     assert read_slider(tmp_path / "slider.csv").x_m.tolist() == [0.0, 1.0]
 
 
-def test_files_keep_every_digit(tmp_path):
+@pytest.mark.parametrize("interval_us", [None, 0.3])
+def test_files_keep_every_digit(tmp_path, interval_us):
+    """Promise: what is written is read again, also with several readings in a microsecond."""
     slider = strokes(SETTINGS)
+    if interval_us:
+        slider = Slider(interval_us * np.arange(len(slider.x_m)), slider.x_m)
     write_slider(tmp_path / "slider.csv", slider)
     back = read_slider(tmp_path / "slider.csv")
     assert np.array_equal(back.t_us, slider.t_us)
