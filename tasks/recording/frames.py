@@ -244,12 +244,12 @@ def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[in
         text = line.partition("#")[0].strip()
         if not text:
             continue
-        time, _, name = text.partition(" ")
         try:
+            time, name = text.split(maxsplit=1)  # a name may have spaces
             t_us.append(int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit])))))
         except (ArithmeticError, ValueError):
             raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
-        files.append(listed.parent / name.strip())
+        files.append(listed.parent / name)
     return files, t_us
 
 

@@ -643,6 +643,20 @@ def test_lists_of_images_as_in_the_rpg_dataset(made, tmp_path):
         open_frames(folder, time_unit="s", exposure_us=0)
 
 
+def test_lists_of_images_with_tabs_and_names_with_spaces(made, tmp_path):
+    """Promise: any white space separates the time from the file, whose name may have spaces."""
+    folder = made.write_frames(tmp_path / "frames")
+    (folder / "frames.csv").unlink()
+    (folder / "010.png").rename(folder / "no 10.png")
+    (folder / "images.txt").write_text("0.0015\t000.png\n0.0025 \t no 10.png\n")
+    found = open_frames(folder, time_unit="s", exposure_us=0)
+    assert found.start_us.tolist() == [1500, 2500]
+    assert [file.name for file in found.files] == ["000.png", "no 10.png"]
+    (folder / "images.txt").write_text("0.0015 000.png\n0.0025\n")
+    with pytest.raises(TaskError, match=r"images.txt:2: found '0.0025', expected a time and a f"):
+        open_frames(folder, time_unit="s", exposure_us=0)
+
+
 def test_images_of_events_with_their_times(made, tmp_path, eres):
     """Promise: PNG images at a rate, times in microseconds; the folder is one that
     `eres simulate` reads, and is made with the folders above it."""
