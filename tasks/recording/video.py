@@ -56,10 +56,12 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
             raise TaskError(f"{name}: found {found:g} s, expected a finite time")
     start_s, end_s = options.start, options.end
     if start_s is not None and end_s is not None and end_s < start_s:
-        raise TaskError(f"end: found {end_s:g} s, expected {start_s:g} s, the start, or later")
+        raise TaskError(
+            f"end: found {end_s:.16g} s, expected {start_s:.16g} s, the start, or later"
+        )
     step_us = 1e6 / options.fps
     if step_us < 1:
-        raise TaskError(f"fps: found {options.fps:g}, expected at most 1e6: times are whole us")
+        raise TaskError(f"fps: found {options.fps:.16g}, expected at most 1e6: times are whole us")
     start_us = recording.start_us + step_us if start_s is None else 1e6 * start_s
     end_us = recording.end_us if end_s is None else 1e6 * end_s
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1

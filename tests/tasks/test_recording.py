@@ -730,10 +730,11 @@ def test_images_have_the_threshold_of_the_file(tmp_path, eres):
     [
         (["--fps", 0], "fps: found 0.0, expected a positive number"),
         (["--fps", 1], "there is no image at 1 per second"),
-        (["--fps", 1.5e6, "--end", 2e-3], "fps: found 1.5e+06, expected at most 1e6"),
+        (["--fps", 1000001, "--end", 2e-3], "fps: found 1000001, expected at most 1e6"),
         (["--start", "nan"], "start: found nan s, expected a finite time"),
         (["--start", "inf"], "start: found inf s, expected a finite time"),
         (["--start", 0.5, "--end", 0.1], "end: found 0.1 s, expected 0.5 s, the start, or later"),
+        (["--start", 1e6 + 0.5, "--end", 1e6], "end: found 1000000 s, expected 1000000.5 s"),
         (["--end", "nan"], "end: found nan s, expected a finite time"),
         (["--method", "blnk"], "no method 'blnk'"),
         (["--equalization", "some"], "equalization: found 'some', expected one of none"),
