@@ -114,6 +114,8 @@ def dataset(
     profile = NO_PROFILE if pixel.profile is None else find_profile(pixel.profile)
     if cutoffs is None:
         cutoff_hz = profile.number("cutoff")
+        if cutoff_hz is None:
+            pixel.refuse_photoreceptor("--cutoffs, such as --cutoffs 200")
         cutoffs = (math.inf if cutoff_hz is None else cutoff_hz,)
     if threshold is None:
         threshold = profile.number("threshold_on") or 0.2

@@ -28,7 +28,7 @@ class PixelOptions:
         options override it.
     photoreceptor
         two_pole, one_pole, or v2e: one pole whose cutoff depends on each pixel's light as in v2e;
-        two_pole by default.
+        two_pole by default. The other two need a cutoff.
     threshold_off
         Contrast threshold of OFF events, log units; by default that of ON events.
     cutoff
@@ -120,6 +120,8 @@ class PixelOptions:
                 said, needed = (one.replace("_", "-") for one in (name, of))
                 raise TaskError(f"{said}: found it without --{needed}, expected both, or a profile")
         limited = model.cutoff_hz < float("inf")
+        if not limited and self.cutoff is None and self.illuminance is None:
+            self.refuse_photoreceptor("--cutoff or --illuminance, such as --cutoff 200")
         if self.cutoff_follows_light:
             if not limited:
                 raise TaskError(
@@ -135,10 +137,29 @@ class PixelOptions:
             model = replace(model, cutoff_reference=white_level)
         return model
 
+    def refuse_photoreceptor(self, expected: str) -> None:
+        """Refuse a photoreceptor that is given by hand for pixels without a cutoff.
+
+        Parameters
+        ----------
+        expected
+            What would give a cutoff.
+
+        Raises
+        ------
+        TaskError
+            It is one_pole or v2e, of which ideal pixels have nothing.
+        """
+        if self.photoreceptor in ("one_pole", "v2e"):
+            raise TaskError(
+                f"photoreceptor: found {self.photoreceptor} without a cutoff, expected {expected}"
+            )
+
     def settled(self) -> PixelOptions:
         """Return the same pixels without a profile, with all values except the cutoff explicit."""
         plain = SensorModel(width=1, height=1, dark_level=1.0)
-        model = replace(self, illuminance=None, cutoff_follows_light=False).applied_to(plain, 1.0)
+        same = replace(self, cutoff=float("inf"), illuminance=None, cutoff_follows_light=False)
+        model = same.applied_to(plain, 1.0)
         values = {name: getattr(model, field) for name, field in _FIELDS.items()}
         return replace(self, **{**values, "profile": None, "cutoff": self.cutoff})
 

@@ -68,12 +68,43 @@ def test_light_wins_over_the_cutoff_of_a_profile_and_noise_follows():
         ({"cutoff": 9.0, "illuminance": 9.0}, "found both cutoff and illuminance"),
         ({"profile": "v2e-noisy", "cutoff_follows_light": True}, "follows the light in its own"),
         ({"cutoff_follows_light": True}, "found no cutoff"),
+        (
+            {"photoreceptor": "v2e"},
+            "found v2e without a cutoff, expected --cutoff or --illuminance",
+        ),
+        ({"photoreceptor": "one_pole"}, "found one_pole without a cutoff"),
+        ({"photoreceptor": "v2e", "profile": "davis346"}, "found v2e without a cutoff"),
         ({"latency": -1.0}, "latency_s: found -1"),
     ],
 )
 def test_impossible_options_are_refused(options, text):
     with pytest.raises((SensorError, TaskError), match=text):
         sensor(**options)
+
+
+def test_a_photoreceptor_is_taken_where_there_is_a_cutoff():
+    """Promise: a cutoff given by hand, that of a profile and that of the light will do, as does a
+    profile that names its photoreceptor; `inf` asks for ideal pixels."""
+    for options in (
+        {"cutoff": 200.0},
+        {"illuminance": 67.0},
+        {"profile": "v2e-noisy"},
+        {"cutoff": math.inf},
+    ):
+        assert sensor(photoreceptor="one_pole", **options).photoreceptor == "one_pole"
+    assert sensor(profile="v2e-clean").photoreceptor == "v2e"
+
+
+def test_a_dataset_with_a_photoreceptor_needs_a_cutoff(eres, tmp_path):
+    """Promise: the error names the option of `eres dataset`; a list of cutoffs may have `inf`."""
+    out = tmp_path / "data"
+    code, _, err = eres("dataset", out, "--count", 1, "--photoreceptor", "v2e")
+    assert code == 1
+    assert "photoreceptor: found v2e without a cutoff, expected --cutoffs, such as" in err
+    assert not out.exists()
+    pixel = PixelOptions(photoreceptor="v2e").settled()
+    models = settings(pixel=pixel, cutoffs_hz=(math.inf, 200.0)).models(0, 2.0)
+    assert models["200"].cutoff_reference == 2.0
 
 
 def test_a_camera_has_its_fill_factor_unless_it_is_given():
