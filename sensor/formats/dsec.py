@@ -98,7 +98,8 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
         parts = iter(parts)
         first = next(parts)
-        offset_us = _offset_us(header, first)
+        start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
+        offset_us = _offset_us(start_us, header.t_offset_us)
         dtypes = _COLUMNS | ({"t": np.int64} if offset_us else {})
         columns = {name: create(f"events/{name}", dtype) for name, dtype in dtypes.items()}
         ms_to_idx = create("ms_to_idx", np.uint64)
@@ -141,10 +142,22 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     return count
 
 
-def _offset_us(header: Header, first: Events) -> int:
+def end_us(start_us: int, t_offset_us: int) -> int:
+    """Return the time before which events must end.
+
+    Parameters
+    ----------
+    start_us
+        Time of the first event.
+    t_offset_us
+        Start of the clock.
+    """
+    offset_us = _offset_us(start_us, t_offset_us)
+    return offset_us + (_MAX_INDEXED_US if offset_us else _MAX_SPAN_US)
+
+
+def _offset_us(start_us: int, offset_us: int) -> int:
     """Return t_offset: that of the header if it suits the events, or else a time before them."""
-    start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
-    offset_us = header.t_offset_us
     if not 0 <= start_us - offset_us < _MAX_START_US:
         offset_us = start_us // 1000 * 1000
     if abs(offset_us) >= _MAX_OFFSET_US:

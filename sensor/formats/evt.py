@@ -148,7 +148,7 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         lines.append(f"origin {origin_to_json(header.origin)}")
     parts = iter(parts)
     first = next(parts)
-    start_us = _start_us(header, first)
+    start_us = _start_us(int(first.t_us[0]) if len(first) else 0, header.t_offset_us)
     if start_us:
         lines.append(f"t0 {start_us}")
     if start_us != header.t_offset_us:
@@ -239,15 +239,26 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
         )
 
 
-def _start_us(header: Header, first: Events) -> int:
+def end_us(start_us: int, t_offset_us: int) -> int:
+    """Return the time before which events must end.
+
+    Parameters
+    ----------
+    start_us
+        Time of the first event.
+    t_offset_us
+        Start of the clock.
+    """
+    return _start_us(start_us, t_offset_us) + MAX_TIME_US
+
+
+def _start_us(first_us: int, t_offset_us: int) -> int:
     """Return `t0`: the start of the clock if the times are too large without it."""
-    if abs(header.t_offset_us) > _MOST:
+    if abs(t_offset_us) > _MOST:
         raise EventFormatError(
-            f"found a clock that starts at {header.t_offset_us} us, expected at most 2^62 us from 0"
+            f"found a clock that starts at {t_offset_us} us, expected at most 2^62 us from 0"
         )
-    too_late = len(first) and first.t_us[0] >= _MAX_START_US
-    earlier = len(first) and 0 < header.t_offset_us <= first.t_us[0]
-    return header.t_offset_us if too_late and earlier else 0
+    return t_offset_us if first_us >= _MAX_START_US and 0 < t_offset_us <= first_us else 0
 
 
 def _count_line(count: int) -> bytes:

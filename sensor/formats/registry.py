@@ -47,6 +47,9 @@ class Format:
         `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
     options
         Names of the options that `read` takes: time_unit, sort, topic.
+    end_us
+        `end_us(start_us, t_offset_us)` returns the time before which events that start then, on a
+        clock that starts then, must end; None if that is beyond 2^62 us.
 
     Examples
     --------
@@ -66,6 +69,7 @@ class Format:
     keeps_origin: bool = True
     read_triggers: Callable[[Path], Triggers] | None = None
     options: tuple[str, ...] = ()
+    end_us: Callable[[int, int], int] | None = None
 
     def loses(self, header: Header) -> list[str]:
         """Return the names of the parts of a header that the format does not store."""
@@ -87,6 +91,7 @@ def _raw_format(codec: evt.Codec) -> Format:
         partial(evt.read_header, codec=codec),
         partial(evt.read, codec=codec),
         read_triggers=partial(evt.read_triggers, codec=codec),
+        end_us=evt.end_us,
     )
 
 
@@ -113,6 +118,7 @@ FORMATS: dict[str, Format] = {
             dsec.read_header,
             dsec.read,
             read_triggers=dsec.read_triggers,
+            end_us=dsec.end_us,
         ),
         _raw_format(evt3.CODEC),
         _raw_format(evt2.CODEC),

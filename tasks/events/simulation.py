@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -16,7 +17,7 @@ from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.json_values import use_python_numbers
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
-from sensor.formats import find_format, write_events
+from sensor.formats import FORMATS, Format, find_format, write_events
 from sensor.formats.header import Value
 from sensor.levels import DARK_FRACTION
 from sensor.optics import crop_to_aspect
@@ -259,10 +260,11 @@ def simulate_frames(
     Raises
     ------
     TaskError
-        The file exists.
+        The file exists, or its format cannot store times as late as the last frame's.
     """
     out = Path(out)
     check_new(out, options.overwrite)
+    _check_end(frames, out, options)
     facts = {
         **origin,
         "frames_width": frames.width,
@@ -289,3 +291,24 @@ def simulate_frames(
         out, parts, format=options.format, origin=facts, t_offset_us=offset_us, add=add
     )
     return count, leaving.report if leaving is not None else None
+
+
+def _check_end(frames: Frames, out: Path, options: SimulationOptions) -> None:
+    """Refuse frames that last longer than the format of the file can store."""
+    offset_us = frames.t_offset_us
+    start_us, last_us = (
+        round(min(1e6 * t_s / options.speed, 2.0**62)) + offset_us
+        for t_s in (float(frames.t_s[0]), float(frames.t_s[-1]))
+    )
+
+    def end_us(format: Format) -> float:
+        return math.inf if format.end_us is None else format.end_us(start_us, offset_us)
+
+    chosen = find_format(out, options.format, new=True)
+    if last_us >= end_us(chosen):
+        able = [one for one in FORMATS.values() if one.write and last_us < end_us(one)]
+        suffixes = dict.fromkeys(suffix for one in able for suffix in one.suffixes[:1])
+        raise TaskError(
+            f"{out}: found frames until {last_us} us, expected less than {end_us(chosen)} us in "
+            f"{chosen.title}; {', '.join(suffixes)} can have them"
+        )

@@ -7,6 +7,7 @@ import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import h5py
@@ -18,7 +19,8 @@ from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import Readout, SensorModel, presets, read_out, simulate
+from sensor import Events, Readout, SensorModel, presets, read_out, simulate
+from sensor.errors import EventFormatError
 from sensor.events import concatenate
 from sensor.formats import (
     FORMATS,
@@ -31,6 +33,7 @@ from sensor.formats import (
 from sensor.optics import crop_to_aspect
 from tasks.errors import TaskError
 from tasks.evaluation.sequence import evaluate_sequence
+from tasks.events.simulation import SimulationOptions, simulate_frames
 from tasks.registry import TASKS
 from tasks.warm_up import warn_if_short
 
@@ -74,6 +77,73 @@ def test_simulate_writes_what_the_library_simulates(
     assert (said["scene"], said["clip"], said["speed"]) == (sequence.manifest.scene, 0, speed)
     assert said["seed"] == (4 if "--seed" in arguments else 0)
     assert said["window_end_us"] == round(1e6 * sequence.window_s[1] / speed)
+
+
+class Started(Exception):
+    """Frames were asked for."""
+
+
+class LongFrames:
+    """Frames of some length, none of which can be computed."""
+
+    width = height = 4
+    white_level = 1.0
+
+    def __init__(self, length_s, t_offset_us):
+        self.t_s, self.t_offset_us = np.array([0.0, length_s]), t_offset_us
+
+    def __len__(self):
+        return 2
+
+    def __iter__(self):
+        raise Started
+
+
+@pytest.mark.parametrize(
+    ("name", "length_s", "offset_us", "options", "able"),
+    [
+        ("a.h5", 7000, 0, {}, ".raw, .npz, .txt"),
+        ("a.h5", 7000, 0, {"speed": 2.0}, None),
+        ("a.h5", 3600, 0, {"speed": 0.5}, ".raw, .npz, .txt"),
+        ("a.h5", 7000, 10**15, {}, None),  # times are counted from the start of the clock
+        ("a.h5", 300_000, 10**15, {}, ".raw, .npz, .txt"),
+        ("a.h5", 7000, -(10**9), {}, None),
+        ("a.h5", 7000, 0, {"format": "npz"}, None),
+        ("a.raw", 7000, 0, {}, None),
+        ("a.raw", 1.2e6, 0, {}, ".npz, .txt"),
+        ("a.raw", 1.2e6, 2**62 - 2**50 + 1, {}, ".npz, .txt"),
+        ("a.raw", 7000, 2**61 + 1, {}, None),
+        ("a.npz", 1.2e6, 0, {}, None),
+        ("a.npz", 7000, 0, {"format": "dsec"}, ".raw, .npz, .txt"),
+    ],
+)
+def test_a_format_that_cannot_have_the_last_frame_is_refused(
+    name, length_s, offset_us, options, able, tmp_path
+):
+    """Promise: before the first frame, with the formats that can; what a format can is what its
+    writer accepts."""
+    options = SimulationOptions(**options)
+    start = partial(
+        *(simulate_frames, LongFrames(length_s, offset_us), SensorModel(width=4, height=4)),
+        *(tmp_path / name, options),
+        origin={},
+    )
+    last_us = round(1e6 * length_s / options.speed) + offset_us
+    x = np.zeros(2, np.uint16)
+    events = Events(np.array([offset_us, last_us]), x, x, np.ones(2, np.int8), 4, 4)
+    write = partial(
+        *(write_events, tmp_path / f"events_{name}", events),
+        **{"format": options.format, "t_offset_us": offset_us},
+    )
+    if able is None:
+        with pytest.raises(Started):
+            start()
+        assert write() == 2
+        return
+    with pytest.raises(TaskError, match=f"found frames until {last_us} us, .*; {able} can have"):
+        start()
+    with pytest.raises(EventFormatError, match="found"):
+        write()
 
 
 def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
