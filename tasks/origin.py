@@ -1,11 +1,28 @@
-"""Where the events of a file come from: the sequence of frames, and the window on their clock."""
+"""Where the events of a file come from: the sequence of frames, and the window on their clock.
+
+Also the names of files in texts.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 
 from eres_render import RadianceSequence
 from sensor.formats.header import Value
+
+
+def in_text(name: str) -> str:
+    """Return the name of a file with U+FFFD for bytes that are not UTF-8, as no text can hold them.
+
+    Examples
+    --------
+    >>> import os
+    >>> from tasks.origin import in_text
+    >>> in_text(os.fsdecode(b"caf\\xe9.npz")) == "caf\\N{REPLACEMENT CHARACTER}.npz"
+    True
+    """
+    return os.fsencode(name).decode("utf-8", "replace")
 
 
 def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:

@@ -72,6 +72,7 @@ def fit(
     from tasks.fitting.fit import fit as fit_recording
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
+    from tasks.origin import in_text
     from tasks.recording.clock import on_one_clock
     from tasks.recording.pairs import check_frames
     from tasks.recording.recording import open_recording
@@ -106,8 +107,8 @@ def fit(
         raise TaskError(f"{recording}: found no events, expected some")
     with progress_bar(terminal.err) as on_progress:
         found = fit_recording(events, evidence, on_progress)
-    fields = found.fields(recording.name)
-    write_profile(out, title or recording.name, fields)
+    fields = found.fields(in_text(recording.name))
+    write_profile(out, in_text(title or recording.name), fields)
     table = Table("field", "value", "unit", box=None)
     for name, (value, unit, _) in fields.items():
         table.add_row(name, str(value), unit)

@@ -12,6 +12,7 @@ from sensor.events import Events
 from sensor.formats import Header
 from sensor.model import SensorModel
 from tasks.events.reading import AS_STORED, Reading
+from tasks.origin import in_text
 from tasks.view.clip import ClipFrames, ClipSource
 from tasks.view.drawing import Palette, draw_events, plain
 from tasks.view.panel import Panel
@@ -56,7 +57,12 @@ class EventSource:
     @property
     def title(self) -> str:
         """The sensor, or the file if it is unknown."""
-        return self.path.name if self.header.model is None else sensor_title(self.header.model)
+        return self.name if self.header.model is None else sensor_title(self.header.model)
+
+    @property
+    def name(self) -> str:
+        """Name of the file, as text."""
+        return in_text(self.path.name)
 
     def parts(self) -> Iterator[Events]:
         """Read the file."""

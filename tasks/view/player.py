@@ -114,7 +114,7 @@ def write_player(
     frames = pack_frames(sources, span_us)
     palette = sources[0].palette
     page = _TEMPLATES.get_template("player.html").render(
-        title=", ".join(source.path.name for source in sources),
+        title=", ".join(source.name for source in sources),
         panels=[{"title": one.title, "width": one.width, "height": one.height} for one in packed],
         every=every,
         windows_ms=sorted({*_WINDOWS_MS, window_ms}),

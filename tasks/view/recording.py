@@ -67,7 +67,7 @@ def write_recording(
 def _places(sources: Sequence[Source]) -> list[list[str]]:
     """Return where each source is in the recording; sources of the same name are numbered."""
     names = [
-        ["events", source.path.name]
+        ["events", source.name]
         if isinstance(source, EventSource)
         else ["clips", source.frames.sequence.folder.name]
         for source in sources

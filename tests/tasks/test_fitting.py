@@ -2,6 +2,7 @@
 
 import functools
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -553,6 +554,20 @@ def test_impossible_evidence_is_refused(evidence, text):
     """Promise: one line says what was found and what was expected."""
     with pytest.raises(TaskError, match=text):
         fit_recording(EMPTY, Evidence(**evidence))
+
+
+def test_a_recording_whose_name_is_not_utf_8_has_a_profile(eres, tmp_path):
+    """Promise: the profile has the name with U+FFFD, and the output escapes it."""
+    events, _ = still(shot_noise_hz=4.0)
+    file = tmp_path / os.fsdecode(b"caf\xe9.npz")
+    write_events(file, events)
+    out = file.with_suffix(".toml")
+    code, printed, err = eres("fit", file, "--out", out, "--still", "0", "1")
+    assert (code, err) == (0, "")
+    assert "caf\\udce9.toml: " in printed
+    profile = read_profile(out)
+    assert profile.title == "caf\N{REPLACEMENT CHARACTER}.npz"
+    assert profile.known["leak"].source.startswith(f"{profile.title}: a still stretch")
 
 
 def test_a_recording_without_events_is_named(eres, tmp_path):

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import os
 import subprocess
 import sys
 from itertools import pairwise
@@ -741,6 +742,17 @@ def test_the_page_fits_and_needs_no_network(eres, tmp_path, recording, chromium,
         assert page.get_by_label(control, exact=True).is_visible()
     page.close()
     assert complaints == []
+
+
+@pytest.mark.parametrize("kind", [".html", ".png", ".rrd"])
+def test_a_file_whose_name_is_not_utf_8_is_shown(eres, tmp_path, kind):
+    """Promise: any kind of output; a page has the name with U+FFFD."""
+    file, out = tmp_path / os.fsdecode(b"caf\xe9.npz"), tmp_path / f"out{kind}"
+    write_events(file, make_events([5, 900], [1, 2], [0, 1], [0, 1], 4, 4))
+    code, _, err = eres("view", file, "--out", out)
+    assert (code, err) == (0, "")
+    if kind == ".html":
+        assert "<title>caf\N{REPLACEMENT CHARACTER}.npz" in out.read_text(encoding="utf-8")
 
 
 def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, monkeypatch, caplog):
