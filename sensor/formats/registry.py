@@ -48,8 +48,8 @@ class Format:
     options
         Names of the options that `read` takes: time_unit, sort, topic.
     end_us
-        `end_us(start_us, t_offset_us)` returns the time before which events that start then, on a
-        clock that starts then, must end; None if that is beyond 2^62 us.
+        `end_us(start_us, t_offset_us)` returns the time before which events must end whose first is
+        at start_us, on a clock that starts at t_offset_us; None if that is beyond 2^62 us.
 
     Examples
     --------
