@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eres_render.errors import RenderError
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+    **{"half": "f2", "float": "f4", "double": "f8", "float16": "f2", "float32": "f4"},
+    **{"float64": "f8", "long": "i8", "ulong": "u8"},
 }
+_INDICES = ("vertex_index", "vertex_indices")
+_UNSIGNED = 0xFFFFFFFF  # 32 bits, as Mitsuba keeps indices: -1 is too large, too
+_AT_ONCE = 1 << 20  # records
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+class _Property(NamedTuple):
+    name: str
+    type: str  # of its numbers, as `numpy.dtype` has it
+    count_type: str  # of the length before a list; "" for a single number
 
 
 class _Element(NamedTuple):
     name: str
     size: int  # number of its records
-    properties: list[list[str]]  # words after "property"
+    properties: list[_Property]
+
+    @property
+    def has_lists(self) -> bool:
+        return any(one.count_type for one in self.properties)
 
 
 def check_faces(path: Path) -> None:
@@ -42,8 +58,9 @@ def check_faces(path: Path) -> None:
     with path.open("rb") as file:
         try:
             kind, elements = _header(file)
-            largest, vertices = _largest_index(file, kind, elements)
-        except (ValueError, KeyError, IndexError):
+            vertices = {one.name: one.size for one in elements}["vertex"]
+            largest = _largest_index(file, kind, elements)
+        except (ValueError, KeyError, IndexError, OverflowError):
             return
     if largest >= vertices:
         raise RenderError(
@@ -54,45 +71,103 @@ def check_faces(path: Path) -> None:
 
 def _header(file: BinaryIO) -> tuple[str, list[_Element]]:
     kind, elements = "", list[_Element]()
-    while (words := file.readline().decode("ascii").split()) != ["end_header"]:
-        match words:
+    for line in file:
+        match line.decode("latin-1").split():
             case ["format", found, _]:
                 kind = found
             case ["element", name, count]:
                 elements.append(_Element(name, int(count), []))
-            case ["property", *rest]:
-                elements[-1].properties.append(rest)
-            case ["ply"] | ["comment" | "obj_info", *_]:
+            case ["property", "list", count_type, type_, name]:
+                one = _Property(name, _TYPES[type_], _TYPES[count_type])
+                elements[-1].properties.append(one)
+            case ["property", type_, name]:
+                elements[-1].properties.append(_Property(name, _TYPES[type_], ""))
+            case [] | ["ply"] | ["comment" | "obj_info", *_]:
                 pass
-            case _:  # also the end of the file
+            case ["end_header"]:
+                return kind, elements
+            case _:
                 raise ValueError
-    return kind, elements
+    raise ValueError
 
 
-def _largest_index(file: BinaryIO, kind: str, elements: list[_Element]) -> tuple[int, int]:
-    """Return the largest index of a vertex, as an unsigned number, and the number of vertices."""
-    vertex, face = elements
-    if (vertex.name, face.name, len(face.properties)) != ("vertex", "face", 1):
-        raise ValueError
-    _, count_type, index_type, _ = face.properties[0]
+def _largest_index(file: BinaryIO, kind: str, elements: list[_Element]) -> int:
+    """Return the largest index of a vertex in a face, as an unsigned number; -1 without faces."""
+    last = max(k for k, one in enumerate(elements) if one.name == "face")
+    to_faces = elements[: last + 1]
     if kind == "ascii":
-        lines = islice(file, vertex.size, vertex.size + face.size)
-        indices = [int(word) for line in lines for word in line.split()[1:]]
-        return max((one & 0xFFFFFFFF for one in indices), default=-1), vertex.size
-    order = _ORDERS[kind]
-    record = sum(np.dtype(_TYPES[one]).itemsize for one, _ in vertex.properties)
-    data = np.frombuffer(file.read()[record * vertex.size :], np.uint8)
-    largest, start, left, run = -1, 0, face.size, 1 << 16
-    head, each = np.dtype(_TYPES[count_type]).itemsize, np.dtype(_TYPES[index_type]).itemsize
-    unsigned = np.dtype(f"{order}u{each}")  # -1 is too large, too
-    while left:  # a run of faces with the same number of corners
-        corners = data[start] if order == "<" else data[start + head - 1]
-        step = head + each * int(corners)
-        fits = min(left, 2 * run, (data.size - start) // step)  # not all, as runs may be short
+        words = (word for line in file for word in line.split())
+        return max(_largest_in_words(words, one) for one in to_faces)
+    order, largest, start = _ORDERS[kind], -1, 0
+    data = np.frombuffer(file.read(), np.uint8)
+    for one in to_faces:
+        found, start = _largest_in_bytes(data, start, one, order)
+        largest = max(largest, found)
+    return largest
+
+
+def _largest_in_words(words: Iterator[bytes], element: _Element) -> int:
+    """Step over the records of an element, and return the largest index of a face in them."""
+    if not element.has_lists:
+        _skip(words, element.size * len(element.properties))
+        return -1
+    largest = -1
+    for _ in range(element.size):
+        for one in element.properties:
+            count = int(next(words, b"")) if one.count_type else 1
+            if _has_indices(element, one):
+                indices = (int(float(word)) & _UNSIGNED for word in islice(words, count))
+                largest = max(largest, max(indices, default=-1))
+            else:
+                _skip(words, count)
+    return largest
+
+
+def _largest_in_bytes(
+    data: NDArray[np.uint8], start: int, element: _Element, order: str
+) -> tuple[int, int]:
+    """Return the largest index of a face in the records of an element, and where these end."""
+    if not element.has_lists:
+        record = sum(np.dtype(one.type).itemsize for one in element.properties)
+        return -1, start + record * element.size
+    largest, left, run = -1, element.size, 1 << 16
+    while left:  # a run of records whose lists are as long as those of the first
+        counts, faces, step = _layout(data[start:], element, order)
+        fits = min(left, 2 * run, _AT_ONCE, (data.size - start) // step)  # as runs may be short
         rows = data[start : start + fits * step].reshape(fits, step)
-        same = np.all(rows[:, :head] == rows[0, :head], axis=1)
+        same = np.all(rows[:, counts] == rows[0, counts], axis=1)
         run = int(fits if same.all() else same.argmin())
-        found = np.ascontiguousarray(rows[:run, head:]).view(unsigned)
-        largest = max(largest, int(found.max(initial=0)))
+        for columns, kind in faces:
+            found = np.ascontiguousarray(rows[:run, columns]).view(kind).astype(np.int64)
+            largest = max(largest, int((found & _UNSIGNED).max(initial=0)))
         start, left = start + run * step, left - run
-    return largest, vertex.size
+    return largest, start
+
+
+def _layout(
+    data: NDArray[np.uint8], element: _Element, order: str
+) -> tuple[list[int], list[tuple[slice, str]], int]:
+    """Return where a record has lengths of lists, and indices of vertices; and its own length."""
+    counts, faces, at = list[int](), list[tuple[slice, str]](), 0
+    for one in element.properties:
+        count, each = 1, np.dtype(one.type).itemsize
+        if one.count_type:
+            head = np.dtype(f"{order}{one.count_type}")
+            count = int(data[at : at + head.itemsize].view(head)[0])
+            counts += range(at, at + head.itemsize)
+            at += head.itemsize
+        if count < 0:
+            raise ValueError
+        end = at + count * each
+        if _has_indices(element, one):
+            faces.append((slice(at, end), f"{order}{one.type}"))
+        at = end
+    return counts, faces, at
+
+
+def _has_indices(element: _Element, one: _Property) -> bool:
+    return element.name == "face" and one.name in _INDICES and one.count_type != ""
+
+
+def _skip(words: Iterator[bytes], count: int) -> None:
+    next(islice(words, count, count), None)
