@@ -16,10 +16,12 @@ _DIRECTIONS = 512  # one every 9 degrees: 3 cm apart at 0.2 m
 _FEWEST_PLACES, _MOST_PLACES = 100, 2000
 _RAYS_AT_ONCE = 1 << 18
 _CHORDS = 20_000  # that measure the length of a path
+_KNOTS_AT_ONCE, _MOST_PIECES = 1 << 10, 256  # of the way from knot to knot
 
 
 def check_clearance(
     place: Callable[[Float64], Float64],
+    knots_s: Float64,
     duration_s: float,
     caster: RayCaster,
     min_clearance_m: float,
@@ -29,14 +31,16 @@ def check_clearance(
 ) -> None:
     """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
-    Rays start from places along the path, at most half the clearance apart (2000 steps at most),
-    in 512 directions and to the next place. Objects thinner than the gaps between the rays are
-    missed unless the path crosses them.
+    Rays start in 512 directions from places along the path, at most half the clearance apart (2000
+    steps at most), and follow all of it along chords, within half the clearance. Objects thinner
+    than the gaps between the rays are missed unless the path crosses them.
 
     Parameters
     ----------
     place
         Returns the positions of the camera, (N, 3) m, at (N,) times in seconds.
+    knots_s
+        Times between which the path is smooth, s.
     duration_s
         How much of it to check, s.
     caster
@@ -54,9 +58,28 @@ def check_clearance(
     TrajectoryError
         The text names the first bad time and the shape.
     """
+    bad = _first_bad_place(place, duration_s, caster, min_clearance_m, alone)
+    until_s = duration_s if bad is None else bad[0]
+    within_s = knots_s[(knots_s > 0) & (knots_s < until_s)]
+    t_s = np.union1d([0.0, until_s], within_s)
+    bad = _first_crossing(place, t_s, caster, 0.5 * min_clearance_m) or bad
+    if bad is not None:
+        raise TrajectoryError(
+            f"{where}: at t = {bad[0]:.3f} s the camera {bad[1]}, expected a path that keeps "
+            f"min_clearance_m = {min_clearance_m:g} m from every surface"
+        )
+
+
+def _first_bad_place(
+    place: Callable[[Float64], Float64],
+    duration_s: float,
+    caster: RayCaster,
+    min_clearance_m: float,
+    alone: bool,
+) -> tuple[float, str] | None:
+    """Return the time of the first place inside something or near it, and what is wrong there."""
     t_s = _evenly_along(place, duration_s, min_clearance_m)
     count, places = len(t_s), place(t_s)
-    steps = np.diff(places, axis=0, append=places[-1:])
     directions = _sphere(_DIRECTIONS)
     places_at_once = _RAYS_AT_ONCE // _DIRECTIONS
     for start in range(0, count, places_at_once):
@@ -68,24 +91,50 @@ def check_clearance(
         distance = hits.distance.reshape(n, -1)
         shape = hits.shape.reshape(n, -1)
         blind = hits.blind_side.reshape(n, -1)
-        moves = np.linalg.norm(steps[part], axis=1) > 0
-        ahead = caster.cast(places[part], np.where(moves[:, None], steps[part], [0.0, 0.0, 1.0]))
-        crossed = moves & (ahead.distance <= 1)
         fewest = _DIRECTIONS if alone else 1
         inside = 2 * blind.sum(axis=1) > np.maximum(fewest, (shape >= 0).sum(axis=1))
         near = distance.min(axis=1) < min_clearance_m
-        for k in np.flatnonzero(inside | near | crossed)[:1]:
+        for k in np.flatnonzero(inside | near)[:1]:
             nearest = caster.shape_ids[shape[k, np.argmin(distance[k])]]
             if inside[k]:
                 found = f"is inside a solid or behind a wall, shape {nearest!r}"
-            elif near[k]:
-                found = f"comes within {distance[k].min():.3g} m of shape {nearest!r}"
             else:
-                found = f"passes through shape {caster.shape_ids[ahead.shape[k]]!r}"
-            raise TrajectoryError(
-                f"{where}: at t = {t_s[start + k]:.3f} s the camera {found}, expected a path that "
-                f"keeps min_clearance_m = {min_clearance_m:g} m from every surface"
-            )
+                found = f"comes within {distance[k].min():.3g} m of shape {nearest!r}"
+            return float(t_s[start + k]), found
+    return None
+
+
+def _first_crossing(
+    place: Callable[[Float64], Float64], t_s: Float64, caster: RayCaster, tolerance_m: float
+) -> tuple[float, str] | None:
+    """Return the first time at which a chord passes a surface, and what is wrong there."""
+    for start in range(0, len(t_s) - 1, _KNOTS_AT_ONCE):  # paths may have a million knots
+        part_s = _ends_of_chords(place, t_s[start : start + _KNOTS_AT_ONCE + 1], tolerance_m)
+        places = place(part_s)
+        steps = np.diff(places, axis=0)
+        moves = np.flatnonzero(np.linalg.norm(steps, axis=1) > 0)
+        ahead = caster.cast(places[moves], steps[moves])
+        for k in np.flatnonzero(ahead.distance <= 1)[:1]:
+            at_s = np.interp(moves[k] + ahead.distance[k], np.arange(len(part_s)), part_s)
+            return float(at_s), f"passes through shape {caster.shape_ids[ahead.shape[k]]!r}"
+    return None
+
+
+def _ends_of_chords(
+    place: Callable[[Float64], Float64], t_s: Float64, tolerance_m: float
+) -> Float64:
+    """Return times, those given among them, whose places have chords that follow the path."""
+    places, spans_s = place(t_s), np.diff(t_s)
+    off_m = np.zeros(len(spans_s))
+    for share in (0.25, 0.75):  # where also a cubic through the middle of its chord leaves it
+        chord = (1 - share) * places[:-1] + share * places[1:]
+        there = place(t_s[:-1] + share * spans_s)
+        off_m = np.maximum(off_m, np.linalg.norm(there - chord, axis=1))
+    # A parabola is farthest in the middle, by 4/3 of that, and nearer by the square of the pieces.
+    pieces = np.ceil(np.sqrt(4 / 3 * off_m / tolerance_m)).clip(1, _MOST_PIECES).astype(np.intp)
+    k = np.repeat(np.arange(len(pieces)), pieces)
+    piece = np.arange(len(k)) - (np.cumsum(pieces) - pieces)[k]
+    return np.append(t_s[k] + piece / pieces[k] * spans_s[k], t_s[-1])
 
 
 def _evenly_along(

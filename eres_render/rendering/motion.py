@@ -102,6 +102,8 @@ class Body:
         Name of the object.
     pose
         Returns T_world_object, (..., 4, 4), at times (...) in seconds.
+    knots_s
+        Times between which its motion is smooth, s.
     caster
         Casts rays at its shapes alone, in its own coordinates.
     box_m
@@ -110,6 +112,7 @@ class Body:
 
     name: str
     pose: Callable[[ArrayLike], Float64]
+    knots_s: Float64
     caster: RayCaster
     box_m: Float64
 
@@ -148,7 +151,7 @@ def still_and_bodies(
     for one in objects:
         part = _scene_of([shapes[name] for name in one.shapes])
         box_m = np.array([np.ravel(part.bbox().min), np.ravel(part.bbox().max)], np.float64)
-        bodies.append(Body(one.name, one.pose, RayCaster(part), box_m))
+        bodies.append(Body(one.name, one.pose, one.knots_s, RayCaster(part), box_m))
     return RayCaster(still), tuple(bodies)
 
 

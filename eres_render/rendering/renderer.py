@@ -539,7 +539,7 @@ def _check_path(
     def place(t_s: Float64) -> Float64:
         return trajectory.pose(t_s)[..., :3, 3]
 
-    check_clearance(place, duration_s, still, *rest)
+    check_clearance(place, trajectory.knots_s, duration_s, still, *rest)
     _warn_if_far_from_origin(scene, camera, trajectory, still)
     if scene.plane is not None:
         for t_s in (0.0, duration_s):
@@ -549,7 +549,8 @@ def _check_path(
         def place_in_body(t_s: Float64, body: Body = body) -> Float64:
             return (np.linalg.inv(body.pose(t_s)) @ trajectory.pose(t_s))[..., :3, 3]
 
-        check_clearance(place_in_body, duration_s, body.caster, *rest, alone=True)
+        knots_s = np.union1d(trajectory.knots_s, body.knots_s)
+        check_clearance(place_in_body, knots_s, duration_s, body.caster, *rest, alone=True)
     return trajectory
 
 

@@ -50,6 +50,11 @@ class MovingObject:
         """
         return self.path.pose(np.asarray(t_s, np.float64) - self.start_s)
 
+    @property
+    def knots_s(self) -> NDArray[np.float64]:
+        """Times of the camera's path between which the motion is smooth, (N,) s."""
+        return self.path.knots_s + self.start_s
+
 
 def read_object(
     name: str, shapes: tuple[str, ...], file: Path, t_offset_us: int, duration_s: float

@@ -17,13 +17,21 @@ from eres_render import (
     waypoint_loop,
 )
 from eres_render.rendering import lightmaps as bake
+from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.trajectory import spline
 from eres_render.trajectory.frame_times import depth_image_motion, plane_image_motion
 from eres_render.trajectory.generators import look_at
-from light_scenes import edit_scene, light_evenly, room_folder, small_carpet_folder
+from light_scenes import (
+    CAMERA,
+    edit_scene,
+    light_evenly,
+    room_folder,
+    small_carpet_folder,
+    write_scene,
+)
 
 UP = (0.0, 0.0, 1.0)
 CORNERS = [look_at(p, (0, 0, 1), UP) for p in ((2, 0, 1), (0, 3, 1.5), (-2, 0, 1), (0, -3, 0.5))]
@@ -219,10 +227,48 @@ def test_a_dash_after_a_long_rest_is_checked_at_every_place(room):
         asked.append(np.interp(t_s, [0.0, 9.5, 10.0], [0.0, 0.0, 1.0])[:, None] * [0.2, 0.1, 0.0])
         return asked[-1] + [1.0, 0.0, 1.5]
 
-    check_clearance(place, 10.0, caster, 0.002, "path")
-    steps = np.linalg.norm(np.diff(asked[-1], axis=0), axis=1)
+    check_clearance(place, np.array([0.0, 9.5, 10.0]), 10.0, caster, 0.002, "path")
+    places = next(one for one in asked if 100 < len(one) < 10_000)  # of rays in all directions
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps.max() <= 0.001 * (1 + 1e-9)
     assert steps.sum() == pytest.approx(np.hypot(0.2, 0.1))
+
+
+HOUR_S = 3600.0
+HOUR_KNOTS_S = np.linspace(0.0, HOUR_S, 7201)
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """Rays at a ball of 0.8 m around the origin."""
+    shape = '<shape type="sphere" id="ball"><float name="radius" value="0.8"/></shape>'
+    select_variant()
+    file = write_scene(tmp_path_factory.mktemp("ball"), CAMERA, shape)
+    return RayCaster(load_mi_scene(load_scene(file)))
+
+
+def test_an_hour_around_a_ball_keeps_clear_of_it(ball):
+    """Promise: what is said to cross a surface does; places are 1.8 m apart, through the ball."""
+
+    def place(t_s):
+        return np.stack([np.cos(t_s), np.sin(t_s), np.zeros_like(t_s)], axis=-1)
+
+    check_clearance(place, HOUR_KNOTS_S, HOUR_S, ball, 0.01, "path")
+
+
+@pytest.mark.parametrize("dip_s", np.pi / 2 * np.array([1, 786, 2291]))
+def test_a_short_dip_in_an_hour_is_refused(ball, dip_s):
+    """Promise: the path is followed between the places that look round, at any length."""
+
+    def place(t_s):
+        dip = np.interp(abs(t_s - dip_s), [0.0, 0.1], [0.4, 0.0])
+        return np.stack([np.sin(2 * t_s), 1.0 - dip, np.zeros_like(t_s)], axis=-1)
+
+    knots_s = np.union1d(HOUR_KNOTS_S, dip_s + np.array([-0.1, 0.0, 0.1]))
+    with pytest.raises(TrajectoryError, match="shape 'ball', expected a path") as caught:
+        check_clearance(place, knots_s, HOUR_S, ball, 0.01, "path")
+    said_s = float(str(caught.value).split(" = ")[1].split(" s ")[0])
+    assert said_s == pytest.approx(dip_s, abs=0.1)
 
 
 def test_a_clip_beyond_the_checked_path_is_refused(room, tmp_path):
