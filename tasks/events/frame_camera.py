@@ -23,6 +23,8 @@ from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
+_MOST_DRAWN = 1e18  # that NumPy draws; far above every full well
+
 FILE_NAME = "images.json"
 _IN_USE = {  # by the names of its files, what a folder holds
     "[0-9]" * 6 + ".png": "images",
@@ -199,7 +201,8 @@ def developed(
         (H, W) codes from 0 to 255.
     """
     if options.full_well < math.inf:
-        electrons = rng.poisson(options.full_well * light).astype(np.float64)
+        mean = np.minimum(options.full_well * light, _MOST_DRAWN)
+        electrons = rng.poisson(mean).astype(np.float64)
         electrons += options.read_noise * rng.standard_normal(light.shape)
         light = electrons / options.full_well
     return np.round(255 * to_srgb(np.clip(light, 0.0, 1.0))).astype(np.uint8)

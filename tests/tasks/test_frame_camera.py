@@ -55,6 +55,13 @@ def test_noise_is_that_of_photons_and_of_the_readout():
         assert electrons.var() == pytest.approx(400 * level + 144, rel=0.05)
 
 
+def test_the_brightest_light_in_the_largest_well_is_white():
+    """Promise: any light above white is white, also where its electrons are beyond 64 bits."""
+    light, options = np.array([[1e4, np.inf, 0.0]]), FrameCameraOptions(full_well=1e15)
+    codes = developed(light, options, np.random.default_rng(0))
+    np.testing.assert_array_equal(codes, [[255, 255, 0]])
+
+
 def test_more_electrons_than_numbers_hold_are_refused():
     with pytest.raises(
         TaskError, match=r"full_well: found 1e\+19, expected a positive number of at"
