@@ -73,8 +73,8 @@ class SensorModel:
         frame is positive.
     random_start
         Start the memory of each pixel at a random, uniform offset in (-C, C) from the first frame,
-        with the thresholds of that pixel, as if the sensor had been running before. If False, all
-        memories start exactly at the first frame.
+        with the thresholds of that pixel, as if the sensor had been running in changing light. If
+        False, all memories start exactly at the first frame.
     photoreceptor
         "two_pole", two equal poles in series; "one_pole"; or "v2e", the filter of v2e since March
         2021 (Hu, Liu and Delbruck 2021): one pole with the cutoff `cutoff_hz` (v + 20) / 275, where
@@ -97,7 +97,9 @@ class SensorModel:
         Rate of ON events of a pixel in constant light, due to junction leakage in its reset switch
         (Nozaki and Delbruck 2017; 0.1 Hz is usual). It is that of the threshold C: with mismatch a
         pixel of threshold C_i leaks at C / C_i times this rate, 2 % more in the mean at usual
-        values.
+        values. In light that is constant from the first frame on, the first event comes after
+        1 / leak_hz, 10 s at 0.1 Hz, in all pixels at once; with `random_start` events come at half
+        the rate until then.
     shot_noise_hz
         Rate of noise events of a pixel in the dark, ON and OFF together, a Poisson process. The
         rate in light is lower by the factor ((I + I_dark) / I_dark) ** -shot_noise_exponent.
