@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
-from sensor.optics import crop_to_aspect
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, simulate_frames
+from tasks.events.simulation import (
+    AS_IN_THE_FRAMES,
+    SimulationOptions,
+    seen_part,
+    simulate_frames,
+)
 from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
@@ -71,21 +75,14 @@ def simulate_footage(
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
     steps = _steps(interpolate)
-    rows, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
-    height, width = rows.stop - rows.start, columns.stop - columns.start
-    if model.height > height or model.width > width:  # said before the frames are measured
-        raise TaskError(
-            f"{footage.path}: found frames of {footage.width}x{footage.height} px, of which the "
-            f"sensor sees {width}x{height} px, expected at least its {model.width}x{model.height} "
-            "px: choose a smaller sensor"
-        )
+    _, columns = seen_part(footage, footage.path, model)  # said before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         *(footage.path, len(footage), footage.width, footage.height),
         *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
     )
     if steps is None:
-        sensor_px = model.width / width
+        sensor_px = model.width / (columns.stop - columns.start)
         motion_px = sensor_px * displacements_px(footage, on_progress)
         if interpolate is None:
             _warn_if_far(motion_px)

@@ -145,6 +145,39 @@ def sensor_for(
     )
 
 
+def seen_part(frames: Frames, path: Path, model: SensorModel) -> tuple[slice, slice]:
+    """Return the central part of frames that a sensor sees.
+
+    Parameters
+    ----------
+    frames
+        The frames.
+    path
+        Where they are, for the error.
+    model
+        The sensor.
+
+    Returns
+    -------
+    rows, columns
+        As of `crop_to_aspect`.
+
+    Raises
+    ------
+    TaskError
+        The sensor is finer than this part.
+    """
+    rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if model.height > height or model.width > width:
+        raise TaskError(
+            f"{path}: found frames of {frames.width}x{frames.height} px, of which the sensor sees "
+            f"{width}x{height} px, expected at least its {model.width}x{model.height} px: choose a "
+            "smaller sensor"
+        )
+    return rows, columns
+
+
 def simulate_sequence(
     sequence: RadianceSequence,
     model: SensorModel,
@@ -189,10 +222,12 @@ def simulate_sequence(
     Raises
     ------
     TaskError
-        The file exists, or its format cannot store ground truth or an IMU.
+        The file exists, its format cannot store ground truth or an IMU, or the sensor is finer than
+        the frames.
     """
     out = Path(out)
     check_new(out, options.overwrite, sequence.folder)
+    seen_part(sequence, sequence.folder, model)  # said before ground truth is prepared
     speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)

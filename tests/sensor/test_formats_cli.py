@@ -695,7 +695,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ),
         ([*SIMULATE, "--sensor", "davis346"], 1, "found both, expected one of them: --sensor NAME"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "its 65x65"),
         ([*SIMULATE[:3], "{tmp}/a.da", "--resolution", "64"], 1, "'.da'"),
         ([*SIMULATE[:3], "{tmp}/a.dat", "--resolution", "64"], 1, "DAT can only be read"),
         (
@@ -727,7 +727,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
         ([*SIMULATE, "--fifo", "9"], 1, "found no bus, expected one"),
         ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "finer"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "its 128x"),
         (
             ["simulate", "{seq}", "--out", "{tmp}/a.npz", "--resolution", "8", "--truth", "1"],
             1,

@@ -75,7 +75,8 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
 
 
 def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
-    """Promise: events, truth and scores of wide frames, at a width that does not divide theirs."""
+    """Promise: events, truth and scores of wide frames, at a width that does not divide theirs; an
+    error of a sensor that is too fine tells the frames from what it sees of them."""
     out, sensor = tmp_path / "wide", ["--resolution", 173]
     options = ["--spp", 4, "--samples", 1, "--max-displacement", 1]
     code, _, err = eres("render", "carpet", "--out", out, "--width", 320, *options)
@@ -86,6 +87,9 @@ def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
     events = tmp_path / "events.h5"
     code, said, _ = eres("simulate", clip, "--out", events, *sensor, "--truth", 0.05)
     assert (code, "of 173x97 px" in said) == (0, True)
+    said = f"{clip}: found frames of 320x180 px, of which the sensor sees 240x180 px, expected at "
+    fine = ["--out", tmp_path / "fine.h5", "--sensor", "davis346"]
+    refused(eres, tmp_path, f"{said}least its 346x260 px", "simulate", clip, *fine)
     assert eres("truth", clip, "--out", tmp_path / "truth", "--width", 173)[0] == 0
     camera = json.loads((tmp_path / "truth" / "camera.json").read_text())
     assert (camera["width"], camera["height"]) == (173, 97)
