@@ -180,7 +180,7 @@ def stereo(
     trajectory
         Poses in TUM's format in place of the scene's path.
     """
-    from eres_render import load_scene
+    from eres_render import continuous_stretch, load_scene
     from eres_render.storage.atomic import write_text
     from eres_render.trajectory.rig import second_camera, to_the_right
     from eres_render.trajectory.tum import tum_text
@@ -192,7 +192,8 @@ def stereo(
         raise TaskError(f"baseline: found {baseline:g} m, expected a finite distance")
     loaded = load_scene(scene, trajectory)
     path = loaded.trajectory()
-    t_s, poses = second_camera(path, to_the_right(baseline), loaded.duration_s)
+    end_s = continuous_stretch(loaded).t_window_end_s  # refused if longer than one can render
+    t_s, poses = second_camera(path, to_the_right(baseline), end_s)
     write_text(out, tum_text(t_s, poses, path.t_offset_us))
     terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
 

@@ -41,6 +41,16 @@ def test_any_scene_has_a_second_camera(small_carpet, tmp_path, eres):
     assert not new.exists()
 
 
+def test_times_in_nanoseconds_are_refused(small_carpet, tmp_path, eres):
+    """Promise: the question that `eres render` asks, before a pose for each 2 ms is made."""
+    poses = [f"{1403636579763555584 + k * 50_000_000} 0.0{k} 0 2 1 0 0 0\n" for k in range(3)]
+    (tmp_path / "ns.txt").write_text("".join(poses))
+    options = ["--trajectory", tmp_path / "ns.txt", "--out", tmp_path / "right.txt"]
+    code, _, error = eres("stereo", small_carpet.source, "--baseline", 0.1, *options)
+    assert (code, "are the times of the poses in seconds?" in error) == (1, True)
+    assert not (tmp_path / "right.txt").exists()
+
+
 def test_both_cameras_have_the_same_clips(tmp_path, eres):
     """Promise: the second path lasts as long as the scene; the spline goes on to the next waypoint,
     and with it there were more clips, at other light."""
