@@ -158,7 +158,8 @@ class Renderer:
         self._objects: tuple[MovingObject, ...] = ()
         self._placed: PlacedObjects | None = None
         if scene.settings.objects:
-            self._objects = scene.objects(scene.trajectory().t_offset_us, scene.duration_s)
+            offset_us = scene.trajectory(camera).t_offset_us
+            self._objects = scene.objects(offset_us, scene.duration_s)
             self._placed = PlacedObjects(self._mi_scene, self._objects, scene.xml_file)
         # Without reflected light every path ends at the first surface it meets.
         depth = -1 if self.integrator == "path" else 1

@@ -194,7 +194,7 @@ class Scene:
     def duration_s(self) -> float:
         """Duration of the camera path, seconds; `trajectory` may last longer."""
         made_s = self._made_duration_s
-        return self.trajectory().duration_s if made_s is None else made_s
+        return self._trajectory.duration_s if made_s is None else made_s
 
     @property
     def _made_duration_s(self) -> float | None:
@@ -218,7 +218,7 @@ class Scene:
         Parameters
         ----------
         camera
-            Its view is checked too, in addition to that of the scene's square camera.
+            Its view is checked; by default that of the scene's square camera.
 
         Raises
         ------
@@ -227,8 +227,14 @@ class Scene:
         SceneError
             If the scene has no path, or a view leaves the square.
         """
-        if camera is not None:
-            self._check_view(self._trajectory, camera)
+        if camera is None:
+            return self._trajectory_of_own_camera
+        self._check_view(self._trajectory, camera)
+        return self._trajectory
+
+    @cached_property
+    def _trajectory_of_own_camera(self) -> Trajectory:
+        self._check_view(self._trajectory, self.camera(2))
         return self._trajectory
 
     @cached_property
@@ -240,7 +246,6 @@ class Scene:
                 f"{self.path_name}: found a path of length 0, expected a camera or an object that "
                 "moves"
             )
-        self._check_view(trajectory, self.camera(2))
         return trajectory
 
     def _check_view(self, trajectory: Trajectory, camera: Camera) -> None:
@@ -252,9 +257,10 @@ class Scene:
         reach_m = _reach_m(trajectory, duration_s, camera, plane, square.point_m)
         if reach_m > square.half_width_m:
             raise SceneError(
-                f"{self.path_name}: the view reaches {reach_m:.3f} m from "
-                f"plane.point_m along a side, expected at most plane.half_width_m = "
-                f"{square.half_width_m} m; bring the path nearer to the plane, or turn less"
+                f"{self.path_name}: the view reaches {reach_m:.3f} m from plane.point_m along a "
+                f"side with a field of view of {math.degrees(camera.fov_rad):.4g} degrees, "
+                f"expected at most plane.half_width_m = {square.half_width_m} m; bring the path "
+                "nearer to the plane, or turn less"
             )
 
     def _unchecked_trajectory(self) -> Trajectory:

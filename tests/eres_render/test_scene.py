@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eres_render import (
+    Camera,
     Renderer,
     RenderError,
     SceneError,
@@ -12,6 +13,7 @@ from eres_render import (
     clips,
     list_scenes,
     load_scene,
+    path_through,
     render_scene,
 )
 from light_scenes import edit_scene, light_evenly, small_carpet_folder
@@ -103,6 +105,32 @@ def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
     far = load_scene(edit_scene(tmp_path / "far", ("distance_m = 1.82", "distance_m = 3.0")))
     with pytest.raises(SceneError, match=r"path: the view reaches .* m .*half_width_m = 2\.5 m"):
         far.trajectory()
+
+
+def test_the_view_that_counts_is_that_of_the_camera(tmp_path):
+    """Promise: a camera of 30 degrees may be farther from the carpet than the scene's own of 60
+    degrees, and one of 90 degrees not; the error says which it was."""
+    far = load_scene(edit_scene(tmp_path / "far", ("distance_m = 1.82", "distance_m = 3.0")))
+    for fov_deg in (30, 60, 90):
+        camera = Camera(64, 64, np.deg2rad(fov_deg))
+        if fov_deg == 30:
+            assert far.trajectory(camera).duration_s >= far.duration_s == 10.0
+            assert Renderer(far, 64, 1, integrator="path", camera=camera).trajectory
+        else:
+            with pytest.raises(SceneError, match=f"a field of view of {fov_deg} degrees, expected"):
+                far.trajectory(camera)
+    with pytest.raises(SceneError, match="a field of view of 60 degrees, expected at most plane"):
+        far.trajectory()
+
+
+def test_a_telephoto_camera_renders_given_poses_from_afar(tmp_path):
+    """Promise: the length of a given path does not depend on what the scene's own camera sees."""
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    poses[:, :3, 3] = [(0.0, 0.0, 4.6), (0.1, 0.0, 4.6)]
+    scene = load_scene(edit_scene(tmp_path / "mine"), path_through(np.array([0.0, 0.5]), poses))
+    assert scene.trajectory(Camera(64, 64, np.deg2rad(30))).duration_s == scene.duration_s == 0.5
+    assert len(clips(scene, every_s=0.2, warmup_s=0.0)) == 2
 
 
 def test_a_made_path_that_cannot_be_names_its_field(tmp_path):
