@@ -151,6 +151,15 @@ def end_us(start_us: int, t_offset_us: int) -> int:
         Time of the first event.
     t_offset_us
         Start of the clock.
+
+    Returns
+    -------
+    The time, us.
+
+    Raises
+    ------
+    EventFormatError
+        The format cannot store such a start.
     """
     offset_us = _offset_us(start_us, t_offset_us)
     return offset_us + (_MAX_INDEXED_US if offset_us else _MAX_SPAN_US)

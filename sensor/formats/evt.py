@@ -248,6 +248,15 @@ def end_us(start_us: int, t_offset_us: int) -> int:
         Time of the first event.
     t_offset_us
         Start of the clock.
+
+    Returns
+    -------
+    The time, us.
+
+    Raises
+    ------
+    EventFormatError
+        The format cannot store such a start.
     """
     return _start_us(start_us, t_offset_us) + MAX_TIME_US
 
