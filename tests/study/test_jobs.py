@@ -4,11 +4,12 @@ import math
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from eres_render import Scene, SceneError, load_scene
+from eres_render import Scene, SceneError, load_scene, path_through
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
@@ -22,6 +23,7 @@ from tasks.study.config import (
     Tracking,
     Video,
 )
+from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
 
 
@@ -56,6 +58,21 @@ def test_a_view_that_leaves_the_plane_is_refused_before_rendering() -> None:
     tall = replace(tall, render=render, simulate=simulate)
     with pytest.raises(SceneError, match=r"the view reaches 4\.346 m from plane.point_m"):
         jobs_of(tall, load_scene("carpet"))
+
+
+def test_a_wide_view_may_be_farther_from_the_plane() -> None:
+    """Promise: that of the study's camera counts, not the scene's square one, whose upper
+    corners are past the edge of the carpet."""
+    evaluate = only(reconstruction=Reconstruction())
+    wide = Study(name="wide", scenes=("carpet",), evaluate=evaluate)
+    wide = replace(wide, render=Render(resolution=640, height=64), simulate=Simulate(widths=(640,)))
+    T = np.tile(np.eye(4), (2, 1, 1))
+    T[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    T[:, :3, 3] = [(0.0, 2.2, 1.8), (0.1, 2.2, 1.8)]
+    scene = load_scene("carpet", path_through(np.array([0.0, 0.9]), T))
+    with pytest.raises(SceneError, match="the view reaches"):
+        scene.trajectory()
+    assert estimate_work(jobs_of(wide, scene), 2)
 
 
 @pytest.fixture(scope="module")

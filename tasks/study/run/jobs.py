@@ -10,7 +10,7 @@ from itertools import chain
 
 import numpy as np
 
-from eres_render import Clip, Scene, clips, continuous_stretch
+from eres_render import Clip, Scene, Trajectory, clips, continuous_stretch
 from sensor.model import SensorModel, cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
@@ -187,11 +187,12 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     SceneError
         The view of the study's camera leaves the scene's plane.
     """
-    study = replace(study, simulate=_at_factors(study.simulate, scene))
+    # Checks the view of the study's camera.
+    path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
+    study = replace(study, simulate=_at_factors(study.simulate, scene, path))
     _check_first_sensor(study)
-    scene.trajectory(scene.camera(study.render.resolution, study.render.height))  # checks the view
     if study.simulate.same_lens:
-        _check_facing(scene)
+        _check_facing(scene, path)
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
@@ -207,11 +208,11 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     ]
 
 
-def _at_factors(simulate: Simulate, scene: Scene) -> Simulate:
+def _at_factors(simulate: Simulate, scene: Scene, path: Trajectory) -> Simulate:
     """Return the sensors with their speeds as factors on the scene's base speed."""
     if simulate.speeds_m_s is None:
         return simulate
-    base_m_s = round(scene.trajectory().mean_speed_mps(scene.duration_s), 9)  # by quadrature
+    base_m_s = round(path.mean_speed_mps(scene.duration_s), 9)  # by quadrature
     if base_m_s == 0:
         raise StudyError(
             f"simulate.speeds_m_s: found a camera at rest in {scene.name}, expected "
@@ -234,9 +235,9 @@ def _check_first_sensor(study: Study) -> None:
         )
 
 
-def _check_facing(scene: Scene) -> None:
+def _check_facing(scene: Scene, path: Trajectory) -> None:
     """Refuse a scene whose image does not just shrink when the camera is farther away."""
-    plane, path = scene.plane, scene.trajectory()
+    plane = scene.plane
     if plane is not None:
         axes = path.pose(np.linspace(0.0, scene.duration_s, _CHECKED))[:, :3, 2]
         if np.all(axes @ plane.normal < _FACING - 1.0):

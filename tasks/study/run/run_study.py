@@ -137,7 +137,10 @@ def _check_compares(jobs: Iterable[Job]) -> None:
 
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
     """Return the study with its defaults, the mean speeds of the cameras, and the keys of jobs."""
-    speeds = {one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes}
+    speeds = {}
+    for one in scenes:
+        path = one.trajectory(one.camera(study.render.resolution, study.render.height))
+        speeds[one.name] = round(path.mean_speed_mps(one.duration_s), 6)
     return {**to_json(study), "base_m_per_s": speeds, "jobs": list(jobs)}
 
 
