@@ -4,7 +4,10 @@ from functools import reduce
 
 from tasks.study.config import Study, preset, with_method
 
-PAPER_METHODS = ("our_reconstruction_all_light", "our_reconstruction_ideal_light")
+PAPER_METHODS = (
+    *("our_reconstruction_all_light", "our_reconstruction_ideal_light"),
+    *("our_flow_all_light", "our_flow_ideal_light", "zero_flow"),
+)
 
 
 def paper_study() -> Study:
