@@ -27,9 +27,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=25)
     parser.add_argument("--runs", type=int, default=4)
-    parser.add_argument(
-        "--pause", type=float, default=6.0, help="seconds before some runs"
-    )
+    parser.add_argument("--pause", type=float, default=6.0, help="seconds before some runs")
     args = parser.parse_args()
     shift_px, step_s = SCENES["very dense"]
     frames = moving_texture(SIZE, args.frames, shift_px)

@@ -57,7 +57,7 @@ def took_s(jobs: Iterable[JobTimings]) -> tuple[float, float, float]:
 
 
 def methods_of(jobs: Iterable[JobTimings]) -> dict[tuple[str, str], list[float]]:
-    """Return answers, answers weighted by the sensors' pixels, and CPU seconds of each method."""
+    """Return answers, answers weighted by the pixels of square sensors, and CPU seconds of each."""
     found: dict[tuple[str, str], list[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
     for method in (method for job in jobs for method in job.methods):
         share = share_of_1280(method.width, method.width)

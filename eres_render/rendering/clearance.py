@@ -16,7 +16,7 @@ _DIRECTIONS = 512  # one every 9 degrees: 3 cm apart at 0.2 m
 _FEWEST_PLACES, _MOST_PLACES = 100, 2000
 _RAYS_AT_ONCE = 1 << 18
 _CHORDS = 20_000  # that measure the length of a path
-_KNOTS_AT_ONCE, _MOST_PIECES = 1 << 10, 256  # of the way from knot to knot
+_KNOTS_AT_ONCE, _MOST_PIECES = 1 << 12, 256  # of the way from knot to knot
 
 
 def check_clearance(
@@ -125,13 +125,13 @@ def _ends_of_chords(
 ) -> Float64:
     """Return times, those given among them, whose places have chords that follow the path."""
     places, spans_s = place(t_s), np.diff(t_s)
-    off_m = np.zeros(len(spans_s))
-    for share in (0.25, 0.75):  # where also a cubic through the middle of its chord leaves it
-        chord = (1 - share) * places[:-1] + share * places[1:]
-        there = place(t_s[:-1] + share * spans_s)
-        off_m = np.maximum(off_m, np.linalg.norm(there - chord, axis=1))
-    # A parabola is farthest in the middle, by 4/3 of that, and nearer by the square of the pieces.
-    pieces = np.ceil(np.sqrt(4 / 3 * off_m / tolerance_m)).clip(1, _MOST_PIECES).astype(np.intp)
+    third, later = (place(t_s[:-1] + share * spans_s) for share in (1 / 3, 2 / 3))
+    # Of a cubic: second derivatives at both thirds, in units of the span, and then at both ends.
+    bend = 9 * (places[:-1] - 2 * third + later), 9 * (third - 2 * later + places[1:])
+    ends = 2 * bend[0] - bend[1], 2 * bend[1] - bend[0]
+    most_m = np.max([np.linalg.norm(end, axis=1) for end in ends], axis=0)
+    # A chord of a share of the span is off by an eighth of that, times the square of the share.
+    pieces = np.ceil(np.sqrt(most_m / 8 / tolerance_m)).clip(1, _MOST_PIECES).astype(np.intp)
     k = np.repeat(np.arange(len(pieces)), pieces)
     piece = np.arange(len(k)) - (np.cumsum(pieces) - pieces)[k]
     return np.append(t_s[k] + piece / pieces[k] * spans_s[k], t_s[-1])

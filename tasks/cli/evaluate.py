@@ -65,7 +65,7 @@ def evaluate(
         pixel.
     threshold
         Contrast threshold, log units; by default 0.2, and for a recording that of its file, or
-        fitted to its frames.
+        fitted to its frames if a method uses it.
     speed
         Factor on the speed of the rendered sequence.
     weights

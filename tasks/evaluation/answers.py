@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -103,7 +105,11 @@ def _copied(given: Any) -> Any:
         return given.copy()
     if not is_dataclass(given) or isinstance(given, type):
         return given
-    copied = object.__new__(type(given))
+    copied = copy(given)
+    for kind in type(given).__mro__:
+        for name, value in vars(kind).items():
+            if isinstance(value, cached_property):
+                vars(copied).pop(name, None)
     for one in fields(given):
         object.__setattr__(copied, one.name, _copied(getattr(given, one.name)))
     return copied

@@ -295,7 +295,8 @@ def simulate_frames(
     Raises
     ------
     TaskError
-        The file exists, or its format cannot store times as late as the last frame's.
+        The file exists, or its format cannot store times as late as the last frame's, counted from
+        the first frame: a first event that is late could leave room for more.
     """
     out = Path(out)
     check_new(out, options.overwrite)

@@ -18,7 +18,7 @@ from eres_render import (
 )
 from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.clearance import check_clearance
+from eres_render.rendering.clearance import _ends_of_chords, check_clearance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.trajectory import spline
@@ -269,6 +269,29 @@ def test_a_short_dip_in_an_hour_is_refused(ball, dip_s):
         check_clearance(place, knots_s, HOUR_S, ball, 0.01, "path")
     said_s = float(str(caught.value).split(" = ")[1].split(" s ")[0])
     assert said_s == pytest.approx(dip_s, abs=0.1)
+
+
+@pytest.mark.parametrize("tolerance_m", [0.05, 0.005, 0.0005])
+@pytest.mark.parametrize("kind", ["zigzag", "random"])
+def test_chords_follow_the_path(kind, tolerance_m):
+    """Promise: within the tolerance, where the path bends one way at a knot and back at the next,
+    and from ends at which it is straight."""
+    t_s, poses = 0.5 * np.arange(9.0), np.tile(np.eye(4), (9, 1, 1))
+    poses[:, :3, 3] = np.random.default_rng(0).normal(0, 0.3, (9, 3))
+    if kind == "zigzag":
+        poses[:, :3, 3] = [(0.1 * k, 0.2 * (-1) ** k, 0.0) for k in range(9)]
+    path = path_through(t_s, poses)
+
+    def place(t_s):
+        return path.pose(t_s)[..., :3, 3]
+
+    ends_s = _ends_of_chords(place, t_s, tolerance_m)
+    share = np.linspace(0, 1, 30)[:, None]
+    there = place((ends_s[:-1] + share * np.diff(ends_s)).ravel()).reshape(30, -1, 3)
+    places = place(ends_s)
+    chords = places[:-1] + share[..., None] * np.diff(places, axis=0)
+    off_m = np.linalg.norm(there - chords, axis=2).max()
+    assert 0.2 * tolerance_m < off_m < 1.1 * tolerance_m
 
 
 def test_a_clip_beyond_the_checked_path_is_refused(room, tmp_path):

@@ -284,6 +284,18 @@ def test_a_path_changed_in_place_is_scored_as_it_then_is(used_by):
     np.testing.assert_array_equal(found.pose(t_s), Trajectory(initial.knots_s, controls).pose(t_s))
 
 
+class LatePath(Trajectory):
+    """A path with an attribute that is no field."""
+
+
+def test_an_own_path_keeps_what_it_has():
+    """Promise: attributes of a method's own class of paths are those of the scored path."""
+    path = LatePath(0.002 * np.arange(-1.0, 9.0), np.tile(np.eye(4), (10, 1, 1)))
+    object.__setattr__(path, "late_s", 0.003)
+    found = path_answer("own", SimpleNamespace(initial=path), TrackingEstimate(path)).path
+    assert (type(found), found.late_s) == (LatePath, 0.003)
+
+
 class Overwriting(Blank):
     def push(self, events: Events):
         for column in events.columns:

@@ -257,6 +257,24 @@ def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
     assert (found.matters, right.matters) == (True, False)
 
 
+def test_a_clock_is_found_where_the_light_between_frames_is_not(tmp_path):
+    """Promise: where the image moves by half its height from frame to frame, so that no light
+    between them is known, the shift is still right to a millisecond."""
+    light, t_s = texture_in_motion(2, 501, (64, 80), 1e-3, travel_px=150.0)
+    t_us = np.round(1e6 * t_s).astype(int) - 8000
+    light /= np.percentile(light[0], 99.9)
+    model = SensorModel(width=80, height=64, contrast_threshold=0.2, dark_level=1 / 64)
+    write_events(tmp_path / "fast.h5", simulate(light, t_s, model))
+    lines = ["t_us_start,t_us_end,file"]
+    for k in range(0, 501, 100):
+        cv2.imwrite(str(tmp_path / f"{k}.tiff"), light[k].astype(np.float32))
+        lines.append(f"{t_us[k]},{t_us[k]},{k}.tiff")
+    (tmp_path / "frames.csv").write_text("\n".join(lines))
+    found = estimate_shift(open_recording(tmp_path / "fast.h5"), open_frames(tmp_path))
+    assert found.shift_us == pytest.approx(8000, abs=1000)
+    assert found.matters
+
+
 def test_tracks_follow_the_texture(made, frames):
     """Promise: tracks have the displacement of the texture, and no track that went astray."""
     found = track(frames.light(1), frames.light(2), 20)
