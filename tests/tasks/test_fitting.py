@@ -232,7 +232,11 @@ def test_frames_give_back_the_thresholds(C_on, C_off, dark):
 
 @pytest.mark.parametrize(
     ("cutoff_hz", "photoreceptor", "raised"),
-    [(200.0, "two_pole", 1.01), (50.0, "two_pole", 1.05), (50.0, "one_pole", 1.03)],
+    [
+        pytest.param(200.0, "two_pole", 1.01, marks=pytest.mark.slow),
+        (50.0, "two_pole", 1.05),
+        pytest.param(50.0, "one_pole", 1.03, marks=pytest.mark.slow),
+    ],
 )
 def test_a_slow_photoreceptor_does_not_raise_the_thresholds(cutoff_hz, photoreceptor, raised):
     """Physics: it smooths the light before the comparator; light that is only late changes more."""
