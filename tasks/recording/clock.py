@@ -80,7 +80,8 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
     fraction = 0.5 * (low - high) / curvature if curvature > 0 else 0.0
     first_us = round(shifts_us[best] + fraction * STEP_US)
     second_us = first_us + round(_lateness_us(recording, frames.later(first_us), pairs))
-    first, second, before = _unexplained(recording, frames, pairs, (first_us, second_us, 0))
+    first, second = _unexplained(recording, frames, pairs, (first_us, second_us))
+    before = left[shifts_us.index(0)]
     if abs(second_us) <= REACH_US and second < first + _WORSE:
         return Shift(second_us, second, before)
     return Shift(first_us, first, before)
