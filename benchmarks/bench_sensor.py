@@ -1,6 +1,7 @@
 """Measure the sensor: M pixel-frames per second with sorted output, and a NumPy logarithm.
 
-    python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3] [--pause 0]
+    python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3] [--threads 1 2]
+        [--pause 0]
 
 A texture with a natural spectrum and edges moves by 0.97 px per frame, with frames 1 ms apart and C
 = 0.2. "dense" fires about 0.2 events per pixel and frame, "sparse" a tenth of that (frames 0.1 ms
@@ -65,6 +66,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=1280, help="sensor and frame side in pixels")
     parser.add_argument("--frames", type=int, default=60, help="frames in the sequence")
     parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of threads")
     parser.add_argument("--pause", type=float, default=0.0, help="seconds before each run")
     args = parser.parse_args()
     size = args.size
@@ -79,7 +81,7 @@ def main() -> None:
     kinds = {}
     for name, (frames, t_s) in scenes.items():
         for cutoff_hz in (math.inf, 200.0, 50.0):
-            for threads in (1, 2):
+            for threads in args.threads:
                 kinds[name, f"{cutoff_hz:g} Hz", threads] = (
                     lambda f=frames, t=t_s, c=cutoff_hz, n=threads: sum(
                         map(len, stream(f, t, model(c), threads=n))

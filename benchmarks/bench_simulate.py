@@ -1,12 +1,12 @@
-"""Compare `simulate` with `stream` where many events fire, and show what new memory costs.
+"""Compare `simulate` with `stream`, and show what new memory costs.
 
-    python benchmarks/bench_simulate.py [--frames 25] [--runs 4]
+    python benchmarks/bench_simulate.py [--scene "very dense"] [--frames 25] [--runs 4]
 
 `simulate` returns all events at once, so it fills memory that `stream` uses again and again. The
-first rows are `simulate` back to back: each call fills the memory that the one before has freed.
-The other rows take turns with `stream` and a pause before each, in which the host of a virtual
-machine takes freed memory back; filling it then costs several times as much. User and system time
-in ns per pixel and frame, one thread, each the least of the runs by their sum.
+first two rows are calls back to back. The others take turns, with a pause before each, in which the
+host of a virtual machine takes freed memory back; filling new memory then costs several times as
+much. User and system time in ns per pixel and frame, one thread, each the least of the runs by
+their sum.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ SIZE = 1280
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", choices=SCENES, default="very dense")
     parser.add_argument("--frames", type=int, default=25)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--pause", type=float, default=6.0, help="seconds before some runs")
     args = parser.parse_args()
-    shift_px, step_s = SCENES["very dense"]
+    shift_px, step_s = SCENES[args.scene]
     frames = moving_texture(SIZE, args.frames, shift_px)
     t_s = [k * step_s for k in range(len(frames))]
     model = SensorModel(width=SIZE, height=SIZE)

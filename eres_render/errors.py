@@ -80,10 +80,15 @@ def nearest(name: str, known: Collection[str]) -> str:
 
     Returns
     -------
-    "did you mean ...?" with the nearest known name, or a list of all if none is near.
+    "did you mean ...?" with the nearest known name, or the two if they are about as near, or a list
+    of all if none is near.
     """
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"did you mean {near[0]!r}?" if near else f"choose from: {', '.join(known)}"
+    near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
+    if not near:
+        return f"choose from: {', '.join(known)}"
+    alike = [difflib.SequenceMatcher(None, one, name).ratio() for one in near]
+    as_near = near if alike[-1] > alike[0] - 0.05 else near[:1]
+    return f"did you mean {' or '.join(map(repr, as_near))}?"
 
 
 def check_positive(

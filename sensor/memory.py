@@ -16,8 +16,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-_KEPT_BYTES = 1 << 29  # limit on all blocks together; address space, of which a part is touched
-_LARGEST_SHARE = 0.6  # of the limit: a larger block would push out most of the others
+_LARGEST_SHARE = 0.7  # of the limit: a larger block would push out most of the others
 _LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
 _CACHE_LINE = 64  # vectors across two lines are slower
 
@@ -34,6 +33,11 @@ def memory_bytes() -> int:
         return physical
 
 
+def _limit_bytes() -> int:
+    """Return the limit on all blocks together: address space, of which a part is touched."""
+    return min(1 << 30, max(1 << 29, memory_bytes() // 16))
+
+
 def _references(blocks: list[NDArray[np.uint8]], k: int) -> int:
     return sys.getrefcount(blocks[k])
 
@@ -42,7 +46,7 @@ _FREE = _references([np.empty(0, np.uint8)], 0)  # by the list and, in most vers
 
 
 class Memory:
-    """Blocks of memory that are kept for the next arrays, up to a limit.
+    """Blocks of memory that are kept for the next arrays, up to a limit in bytes.
 
     An array is a view of a block and holds a reference to it, as do all views of the array. So a
     block is free if only the list refers to it, and no array in use is overwritten.
@@ -50,7 +54,7 @@ class Memory:
 
     def __init__(
         self,
-        limit: int = _KEPT_BYTES,
+        limit: int,
         allocate: Callable[[int], NDArray[np.uint8]] = lambda size: np.empty(size, np.uint8),
     ) -> None:
         self._limit = limit
@@ -103,7 +107,7 @@ class Memory:
         return block
 
 
-MEMORY = Memory()
+MEMORY = Memory(_limit_bytes())
 
 RELEASES = [MEMORY.release]
 """What `release_memory` calls."""
@@ -112,8 +116,8 @@ RELEASES = [MEMORY.release]
 def release_memory() -> None:
     """Give the memory that simulations keep for later ones back.
 
-    It is at most 512 MiB; after simulations on a GPU also what these keep there, and at most 1 GiB
-    of page-locked memory.
+    It is at most a 16th of the machine's memory, but 512 MiB to 1 GiB; after simulations on a GPU
+    also what these keep there, and at most 1 GiB of page-locked memory.
 
     Examples
     --------

@@ -40,7 +40,7 @@ _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come 
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
 _RESERVE = 1.3
 _MOST_GROWTH = 4
-_FEW_EVENTS = 1 << 25
+_FEW_EVENTS = 1 << 26
 
 
 class Bank:

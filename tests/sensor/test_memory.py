@@ -61,7 +61,7 @@ def test_columns_that_grow_with_each_part_hold_the_stream(monkeypatch, small_par
 
 def test_memory_is_used_again_once_nobody_holds_it():
     """Promise: not while an array, a view of it or a buffer on it exists, and then again."""
-    room = Memory()
+    room = Memory(limit=1 << 29)
     first = room.array(LARGE, np.uint8)
     address = first.ctypes.data
     assert address % 64 == 0

@@ -196,6 +196,7 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
         ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
         ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
+        ("sensors = [{width = 9, threshold_on = 1}]", "mean 'threshold_off' or 'threshold'"),
         ("sensors = [{width = 9, cutoff = 1}]", "unknown: the light of the study decides it"),
         ('sensors = [{width = 9, leak = "a"}]', r"simulate.sensors\[0\].leak: found 'a', expected"),
         ('sensors = ["gen3-cd", "dvxplorer"]', "'dvxplorer' and 'gen3-cd', both 640 px wide"),
