@@ -34,6 +34,7 @@ _MAX_LINE_BYTES = 256  # longest line of an event
 _MAX_COMMENT_BYTES = 1 << 16
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
 _SAMPLE_BYTES = 1 << 16  # of events, whose times show whether their unit is clear
+_DECIMALS = 6  # of seconds as we and others write them; pandas writes whole floats as 1500.0
 
 _DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _MIXED_P, _BACKWARDS = range(8)
 _REASONS = {
@@ -432,7 +433,9 @@ def _whole_times(path: Path, start: _Start) -> list[str]:
     times = [words[place].decode("latin-1") for line in lines if len(words := line.split()) == 4]
     try:
         has_fraction = any(
-            float(time) % 1 or ("." in time and "e" not in time.lower()) for time in times
+            float(time) % 1
+            or (len(time.partition(".")[2]) >= _DECIMALS and "e" not in time.lower())
+            for time in times
         )
     except ValueError:  # the parser reports the line
         has_fraction = True

@@ -462,6 +462,8 @@ def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
         ("p,x,y,t\n1,1,2\n", "byte 8: found b'1,1,2'"),
         ("640 480\n7 1 2 1\n9 1 2 1\n", "byte 8: found whole times, 7, 9, which may be seconds or"),
         ("640 480\n5e6 1 2 1\n", "found whole times, 5e6"),
+        ("t,x,y,p\n1500.0,1,2,1\n2500.0,1,2,0\n", "found whole times, 1500.0, 2500.0"),
+        ("640 480\n1.5e3 1 2 1\n2500.00 1 2 1\n", "found whole times, 1.5e3, 2500.00"),
         ("t_min,x,y,p\n1,1,2,1\n", "byte 0"),
         ("t,x,y,q\n1,1,2,1\n", "found b't,x,y,q"),
         ("640 480\n" + "1" * 600, "no end of line within"),
