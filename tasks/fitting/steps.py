@@ -34,11 +34,14 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     ------
     TaskError
         The file is missing, or contains something else.
+    EventFormatError
+        The triggers of the recording are damaged.
     """
     if chosen := re.fullmatch(rf"{TRIGGERS}(?::(\d+))?", where):
         channel = None if chosen[1] is None else int(chosen[1])
+        triggers = read_triggers(recording, format=format)
         try:
-            return read_triggers(recording, format=format).rising_us(channel)
+            return triggers.rising_us(channel)
         except EventError as error:
             raise TaskError(f"{recording}: {error}, as in --steps {TRIGGERS}:1") from None
     file = Path(where)

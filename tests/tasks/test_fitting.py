@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from moving_texture import texture_in_motion
-from sensor import Events, SensorModel, simulate
+from sensor import EventFormatError, Events, SensorModel, simulate
 from sensor.formats import Triggers, write_events
 from sensor.profiles import read_profile
 from tasks.errors import TaskError
@@ -619,6 +619,18 @@ def test_steps_are_the_edges_of_one_channel(tmp_path):
         read_steps("triggers", file)
     with pytest.raises(TaskError, match="found edges on channel 0, 1, expected 3 among them"):
         read_steps("triggers:3", file)
+
+
+def test_steps_in_a_damaged_recording_are_damage(tmp_path):
+    """Promise: the error names the file once, and no channel, which cannot help."""
+    file = tmp_path / "events.raw"
+    edges = Triggers(np.array([100]), np.zeros(1, np.uint8), np.ones(1, np.int8))
+    write_events(file, moving(0.2, 0.2, 1e-2)[:9], triggers=edges)
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(EventFormatError) as error:
+        read_steps("triggers", file)
+    assert str(error.value).count(str(file)) == 1
+    assert "--steps" not in str(error.value)
 
 
 @given(st.integers(0, 2000), st.integers(1, 50))
