@@ -16,6 +16,7 @@ import numpy as np
 
 EVENT = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "u1")])
 END = -1
+_UNKNOWN = (0xFFFF, 0xFFFF)  # px, a size that no DAT file has: its coordinates have 14 bits
 
 
 def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
@@ -32,14 +33,15 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
         packets = (packet for track, packet in decoder if track.id == kept[0].id)
         return {"size": kept[0].dimensions, "others": others}, packets
     if kind == "dat":
-        decoder = faery.dat.Decoder(path, None, None)
+        decoder = faery.dat.Decoder(path, _UNKNOWN, None)
         events = ("cd", "2d")
     else:
         decoder = faery.es.Decoder(path, 0)
         events = ("dvs", "atis")
     if decoder.event_type not in events:
         raise ValueError(f"found a file of {decoder.event_type!r}, expected {' or '.join(events)}")
-    return {"size": decoder.dimensions, "others": []}, decoder
+    size = None if decoder.dimensions == _UNKNOWN else decoder.dimensions
+    return {"size": size, "others": []}, decoder
 
 
 def _columns(packet: Any, kind: str, height: int) -> Any:

@@ -58,6 +58,20 @@ def test_files_of_faery(kind, tmp_path):
     assert_same(load_events(tmp_path / "a.h5"), events)
 
 
+def test_a_dat_file_without_a_size_asks_for_it(tmp_path):
+    """Promise: files of old cameras, whose header has no size, are read with that of the user."""
+    path = tmp_path / "a.dat"
+    words = np.array([5, 3 | 4 << 14 | 1 << 28, 6, 299 | 199 << 14], "<u4")
+    path.write_bytes(b"% Data file containing CD events.\n% Version 2\n\x0c\x08" + words.tobytes())
+    assert read_header(path).width is None
+    with pytest.raises(EventFormatError, match="does not store the sensor's size; give it"):
+        load_events(path)
+    found = load_events(path, size=(300, 200))
+    assert_same(found, make_events([5, 6], [3, 299], [4, 199], [1, 0], 300, 200))
+    with pytest.raises(EventFormatError, match="found 299, expected less than 299"):
+        load_events(path, size=(299, 200))
+
+
 @pytest.mark.parametrize("kind", [pytest.param("aedat4", marks=pytest.mark.slow), "es"])
 def test_damage_ends_no_process(kind, tmp_path):
     """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
