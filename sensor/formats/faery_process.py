@@ -16,6 +16,7 @@ import numpy as np
 
 EVENT = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "u1")])
 END = -1
+_DAT_EVENT = np.dtype([("t", "<u4"), ("word", "<u4")])
 _UNKNOWN = (0xFFFF, 0xFFFF)  # px, a size that no DAT file has: its coordinates have 14 bits
 
 
@@ -41,7 +42,32 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
     if decoder.event_type not in events:
         raise ValueError(f"found a file of {decoder.event_type!r}, expected {' or '.join(events)}")
     size = None if decoder.dimensions == _UNKNOWN else decoder.dimensions
-    return {"size": size, "others": []}, decoder
+    packets = _with_stored_times(path, decoder) if kind == "dat" else decoder
+    return {"size": size, "others": []}, packets
+
+
+def _with_stored_times(path: str, packets: Iterator[Any]) -> Iterator[Any]:
+    """Yield packets of a DAT file with its own times where they run backwards.
+
+    faery gives such an event the time of the one before it, and omits a part of an event at the
+    end, which is an error here.
+    """
+    with open(path, "rb") as file:
+        start, t0 = 0, 0
+        while (line := file.readline()).startswith(b"%"):
+            start += len(line)
+            if (words := line[1:].split())[:1] == [b"T0"]:  # faery's offset of all times
+                t0 = int(words[1])
+        file.seek(start + 2)  # type and size of an event
+        for packet in packets:
+            stored = np.frombuffer(file.read(_DAT_EVENT.itemsize * len(packet)), _DAT_EVENT)
+            late = (packet["t"] - t0 - stored["t"]) & 0xFFFFFFFF  # the clock has 32 bits
+            if np.any(late):
+                packet = packet.copy()
+                packet["t"] -= late
+            yield packet
+        if rest := file.read(_DAT_EVENT.itemsize):
+            raise ValueError(f"the file ends {len(rest)} bytes into an event")
 
 
 def _columns(packet: Any, kind: str, height: int) -> Any:

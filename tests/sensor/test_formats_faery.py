@@ -72,6 +72,33 @@ def test_a_dat_file_without_a_size_asks_for_it(tmp_path):
         load_events(path, size=(299, 200))
 
 
+DAT = b"% Version 2\n% Height 200\n% Width 300\n\x0c\x08"
+
+
+def test_times_of_dat_that_run_backwards(tmp_path):
+    """Promise: they are refused, or sorted on request, and never changed; the clock may wrap."""
+    path = tmp_path / "a.dat"
+    words = [(2**32 - 7, 1), (2**32 - 9, 2), (1, 3), (0, 4), (5, 5)]
+    path.write_bytes(DAT + np.array(words, "<u4").tobytes())
+    with pytest.raises(EventFormatError, match="events from 0: event 1 there is earlier than the"):
+        load_events(path)
+    t_us = [2**32 - 9, 2**32 - 7, 2**32, 2**32 + 1, 2**32 + 5]
+    expected = make_events(t_us, [2, 1, 4, 3, 5], [0] * 5, [0] * 5, 300, 200)
+    assert_same(load_events(path, sort=True), expected)
+    path.write_bytes(
+        DAT.replace(b"\n\x0c", b"\n% T0 1000\n\x0c") + np.array(words, "<u4").tobytes()
+    )
+    assert_same(load_events(path, sort=True), expected.later(1000))
+
+
+def test_dat_that_ends_within_an_event_is_an_error(tmp_path):
+    """Promise: the error counts the bytes of the part."""
+    path = tmp_path / "a.dat"
+    path.write_bytes(DAT + np.array([5, 1, 6, 2], "<u4").tobytes()[:-3])
+    with pytest.raises(EventFormatError, match=r"a\.dat: .* the file ends 5 bytes into an event"):
+        load_events(path)
+
+
 @pytest.mark.parametrize("kind", [pytest.param("aedat4", marks=pytest.mark.slow), "es"])
 def test_damage_ends_no_process(kind, tmp_path):
     """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
