@@ -492,6 +492,21 @@ def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
     assert "none of: optical flow, dense optical flow, pose tracking" in page
 
 
+def test_images_that_are_not_finite_are_counted_as_failures(tmp_path: Path) -> None:
+    """Promise: failures are counted in every task; an image with a NaN has the score of doing
+    nothing, and the report says how often."""
+    rows = paper_rows(samples=3)
+    lost = [replace(r, value=12.0, failure="the image is not finite") for r in rows[::2][:27]]
+    page = html_of(tmp_path, [*lost, *rows[1::2], *rows[::2][27:]])
+    assert re.search(
+        r"Reconstruction by event integration</th><td[^>]*>27 of 135</td><td[^>]*>20\u202f%</td>"
+        r"<td[^>]*>the image is not finite \(27\)",
+        page,
+        re.IGNORECASE,
+    )
+    assert "none of: optical flow" not in page
+
+
 def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
     """The report's size has a limit, and the error says how to reduce it."""
     make_run(tmp_path, paper_rows(samples=1))

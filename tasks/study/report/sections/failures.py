@@ -107,14 +107,15 @@ def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float
 
 
 def failure_table(scores: Scores) -> Table | None:
-    """Count the failures of each method that can fail, by reason; None without such a method."""
+    """Count the failures of each method that can give up or did fail, by reason; None without
+    such a method."""
     rows = {}
     for one in scores.series():
-        if TASKS[one.task].share_column is None:
-            continue
         total = scores.answers(one)
         reasons = scores.failures(one)
         failed = reasons.total()
+        if TASKS[one.task].share_column is None and not failed:
+            continue
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
         rows[Text(one.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
