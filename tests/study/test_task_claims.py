@@ -245,6 +245,18 @@ def test_cells_that_do_not_beat_doing_nothing_are_listed() -> None:
     assert "20 of 35; not carpet night" in verdict(24, rows + nothing_rows(rows, 10.0)).ours
 
 
+def test_speeds_in_meters_per_second_and_factors_are_told_apart_for_claim_24() -> None:
+    """Promise: a study in m/s may have flow at a factor too; the text says which speed is which."""
+    rows = [
+        replace(row, value=50.0 if row.width == 1280 and row.cutoff_hz == 50 else row.value)
+        for row in paper_rows(CM, scenes=["carpet"])
+        if row.speed in (1.0, 10.0)
+    ]
+    rows = [replace(row, speed_m_s=0.9 if row.speed == 1.0 else 0.0) for row in rows]
+    found = verdict(24, rows + [replace(row, method="initial_flow", value=20.0) for row in rows])
+    assert "not carpet night (1280 px at 0.9 m/s and speed 10)" in found.ours
+
+
 def test_what_gets_the_truth_or_no_events_does_not_count_for_claim_24() -> None:
     """A late true image and dense flow's second baseline lose here, but neither is a method."""
     psnr, errors = paper_rows(EI), paper_rows(EPF)

@@ -94,13 +94,15 @@ def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
     for light in dict.fromkeys((c.scene, c.cutoff_hz) for c in lost):
         here = [c for c in every if (c.scene, c.cutoff_hz) == light]
         gone = [c for c in here if c in lost]
+        in_m_s = any(isinstance(c.speed, MetersPerSecond) for c in here)  # flow at a factor too
         speeds_of: dict[str, list[str]] = {}
         for speed in sorted({c.speed for c in gone}):
             widths = sorted(c.width for c in gone if c.speed == speed)
             of_all = len(widths) == len({c.width for c in here})
             named = "all widths" if of_all else f"{join_words([str(w) for w in widths])} px"
-            speeds_of.setdefault(named, []).append(speed_label("", speed).removeprefix("speed "))
-        unit = "" if isinstance(here[0].speed, MetersPerSecond) else "speed "
+            label = speed_label("", speed).removeprefix("" if in_m_s else "speed ")
+            speeds_of.setdefault(named, []).append(label)
+        unit = "" if in_m_s else "speed "
         which = [f"{named} at {unit}{join_words(each)}" for named, each in speeds_of.items()]
         some = "" if len(gone) == len(here) else f" ({'; '.join(which)})"
         parts.append(f"{light[0]} {cutoff_label(light[1])}{some}")
