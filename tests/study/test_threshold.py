@@ -104,6 +104,31 @@ def test_the_first_threshold_of_the_rows_comes_first() -> None:
         by_threshold([])
 
 
+def test_a_width_that_is_struck_out_names_no_tie() -> None:
+    """Promise: the section shows the choices as the top of the page does. The lead of 1280 px
+    changes sign from sample to sample, so 640 px is tied, unless doing nothing is as good."""
+    lead = (-0.6, 0.7, -0.5, 0.6, 0.5, 0.7, -0.4, 0.5, 0.6)
+    rows = [
+        Row("carpet", *EI[:2], width, 50.0, 0.2, 1.0, i, "psnr_db", 20 + of_width * one, 1e6)
+        for width, of_width in {640: 0.0, 1280: 1.0}.items()
+        for i, one in enumerate(lead)
+    ]
+    for nothing, tied in ((19.9, "tied 640"), ({640: 19.9, 1280: 20.45}, "")):
+        idle = [
+            replace(
+                row,
+                method="no_events",
+                value=nothing[row.width] if isinstance(nothing, dict) else nothing,
+            )
+            for row in rows
+        ]
+        found = by_threshold(several(rows + idle, (0.2,)))
+        _, choices, _ = compare_thresholds(found, EI, 1e9)["carpet"]
+        ((cells,),) = (block.values() for block in choices.blocks.values())
+        assert cells[0].text == "1280 px"
+        assert (cells[0].small, cells[0].kind) == (tied, "" if tied else "struck")
+
+
 def test_the_recommended_resolution_is_answered_for_each_threshold() -> None:
     """By day 1280 px leads 640 px by 1.25 dB at 0.2; at 0.4 it has 3 dB less: 640 px is enough."""
     answers = choices_of(threshold_html(by_threshold(several(usual_rows())), EI))

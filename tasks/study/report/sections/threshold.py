@@ -87,8 +87,11 @@ def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed:
     choice = choose(scores, series, scene, cutoff_hz, speed) if scores.widths(series) else None
     if choice is None:
         return Text(MISSING, "samples are missing")
+    enough = scores.sensor_label(choice.enough)
+    if not choice.worthwhile:
+        return Text(enough, "", "struck")
     tied = f"tied {scores.sensor_names.get(choice.tied, choice.tied)}" if choice.tied else ""
-    return Text(scores.sensor_label(choice.enough), tied, "" if choice.worthwhile else "struck")
+    return Text(enough, tied)
 
 
 def _score(scores: Scores, series: Series, where: Condition) -> Text:
