@@ -27,7 +27,8 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
     import av  # here: it loads FFmpeg's libraries
 
     try:
-        with av.open(str(path)) as container:
+        # An absolute path, as FFmpeg takes what is before a colon for a protocol.
+        with av.open(str(path.absolute())) as container:
             if not container.streams.video:
                 raise TaskError(f"{path}: found no video in it")
             stream = container.streams.video[0]

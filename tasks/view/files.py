@@ -70,7 +70,10 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     options = {"crf": "23", "preset": "medium"} if encoder == "libx264" else {}
     with (
         new_file(path) as file,
-        av.open(str(file), "w", format="mp4", options={"movflags": "+faststart"}) as container,
+        # An absolute path, as FFmpeg takes what is before a colon for a protocol.
+        av.open(
+            str(file.absolute()), "w", format="mp4", options={"movflags": "+faststart"}
+        ) as container,
     ):
         stream: Any = container.add_stream(encoder, rate=rate, options=options)
         stream.height, stream.width = first.shape[:2]

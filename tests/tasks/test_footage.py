@@ -321,6 +321,14 @@ def test_a_matrix_with_two_tags_is_one_matrix(tmp_path):
     np.testing.assert_array_equal(*both)
 
 
+def test_names_of_videos_may_have_colons(tmp_path, monkeypatch):
+    """Promise: a name such as 12:30.mkv is a file's, not that of a protocol of FFmpeg."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("12:30.mkv", "file:1.mkv"):
+        write_video(tmp_path / name, np.full((2, 3, 32, 48), 120, np.uint8))
+        assert len(open_footage(name)) == 2
+
+
 def test_frames_of_a_video_that_change_size_are_named(tmp_path, monkeypatch):
     """Promise: the sensor never sees the corner of a larger frame."""
     path = write_video(tmp_path / "a.mkv", np.full((3, 3, 32, 48), 120, np.uint8))

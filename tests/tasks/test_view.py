@@ -34,7 +34,7 @@ from tasks.view.drawing import (
     tone_mapped,
 )
 from tasks.view.event_file import EventSource
-from tasks.view.files import possible_fps
+from tasks.view.files import possible_fps, write_mp4
 from tasks.view.layout import Layout
 from tasks.view.panel import Panel
 from tasks.view.player_frames import pack_frames
@@ -238,6 +238,13 @@ def test_a_file_of_one_event_shows_it(eres, tmp_path):
     picture = np.asarray(Image.open(out))[90, [90, 270, 450]].tolist()
     ground = list(COLORS.ground)
     assert picture == [ground, mixed(COLORS.brighter, COLORS.ground, 0.65), ground]
+
+
+def test_names_of_videos_may_have_colons(tmp_path, monkeypatch):
+    """Promise: a name such as 12:30.mp4 is a file's, not that of a protocol of FFmpeg."""
+    monkeypatch.chdir(tmp_path)
+    write_mp4(Path("12:30.mp4"), iter([np.zeros((32, 48, 3), np.uint8)] * 2), 25)
+    assert os.listdir() == ["12:30.mp4"]
 
 
 def test_no_picture_is_shorter_than_browsers_show():
