@@ -34,6 +34,8 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
             stream = container.streams.video[0]
             if stream.codec_context is None:
                 raise TaskError(f"{path}: found a codec that this build of FFmpeg lacks")
+            if stream.codec_context.format is None:
+                raise TaskError(f"{path}: found pixels that this build of FFmpeg cannot decode")
             stream.thread_type = "AUTO"
             yield container, stream
     except av.FFmpegError as error:

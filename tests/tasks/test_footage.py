@@ -321,6 +321,14 @@ def test_a_matrix_with_two_tags_is_one_matrix(tmp_path):
     np.testing.assert_array_equal(*both)
 
 
+def test_videos_whose_pixels_are_unknown_are_refused(tmp_path):
+    """Promise: an error that names the file, as for an animated WebP, unknown to FFmpeg."""
+    frames = [Image.fromarray(image) for image in pictures(3)]
+    frames[0].save(tmp_path / "a.webp", save_all=True, append_images=frames[1:], duration=40)
+    with pytest.raises(TaskError, match=r"a\.webp: found pixels that this build of FFmpeg cannot"):
+        open_footage(tmp_path / "a.webp")
+
+
 def test_names_of_videos_may_have_colons(tmp_path, monkeypatch):
     """Promise: a name such as 12:30.mkv is a file's, not that of a protocol of FFmpeg."""
     monkeypatch.chdir(tmp_path)
