@@ -152,7 +152,7 @@ def times_ns(
 
 def _check_complete(files: list[Path]) -> None:
     """Refuse gaps in the numbering, after which evenly spaced times would be wrong."""
-    numbers = [[int(part) for part in _parts(file) if part.isdigit()][-1:] for file in files]
+    numbers = [[int(part) for part in _parts(file) if part.isdecimal()][-1:] for file in files]
     counts = [number[0] for number in numbers if number]
     if len(counts) < len(files):
         return

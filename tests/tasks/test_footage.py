@@ -74,6 +74,14 @@ def test_images_are_in_the_order_of_their_numbers(tmp_path):
         list_images(tmp_path)
 
 
+def test_superscripts_in_names_are_no_numbers(tmp_path):
+    """Promise: Python calls a superscript two a digit, but cannot convert it."""
+    (tmp_path / "in").mkdir()
+    for k in range(2):
+        Image.new("L", (8, 8), 99).save(tmp_path / "in" / f"4m x 3\N{SUPERSCRIPT TWO}{k}.png")
+    assert len(open_footage(tmp_path / "in", fps=10)) == 2
+
+
 def test_transparency_is_said(tmp_path, caplog):
     """Promise: no silent events of pixels that nobody sees."""
     for k in range(2):
