@@ -161,7 +161,7 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     with _open(path) as (container, stream):
         for frame in container.decode(stream):
             found += 1
-            matrix = frame.side_data.get("DISPLAYMATRIX")
+            matrix = _side_data(frame).get("DISPLAYMATRIX")
             numbers = _numbers(frame)
             if matrix is not None:
                 numbers = _turned(numbers, matrix, path)
@@ -170,6 +170,21 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
             yield numbers
     if found != count:
         raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
+
+
+def _side_data(frame: Any) -> Any:
+    """Return what comes with a frame, also if PyAV lacks a name for it, as for Exif."""
+    from av.sidedata.sidedata import Type
+
+    Type._missing_ = classmethod(_unnamed)  # type: ignore[method-assign, assignment]
+    return frame.side_data
+
+
+def _unnamed(kinds: type[Any], value: object) -> Any:
+    """Return a kind of side data without a name in PyAV, which would refuse the whole frame."""
+    kind = object.__new__(kinds)
+    kind._name_, kind._value_ = f"UNNAMED_{value}", value
+    return kind
 
 
 def _numbers(frame: Any) -> NDArray[np.generic]:

@@ -1,5 +1,6 @@
 """Videos and folders of images become light, and events."""
 
+import io
 import logging
 import struct
 import tracemalloc
@@ -400,6 +401,29 @@ def test_videos_are_turned_as_they_are_shown(tmp_path, matrix, corners):
     assert (footage.height, footage.width) == (2 * sides[0], 2 * sides[1])
     for light in footage:
         np.testing.assert_allclose(255 * light, np.kron(shown, np.ones(sides)), atol=3)
+
+
+def test_motion_jpeg_may_have_exif(tmp_path):
+    """Promise: frames with Exif, which cameras write, are read, and turned as it says."""
+    half = np.repeat(np.uint8([40, 200]), 24)[:, None].repeat(64, 1)  # dark above
+    for orientation, expected in ((None, half), (2, half), (3, half[::-1]), (6, half.T[:, ::-1])):
+        path = tmp_path / f"{orientation}.avi"
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("mjpeg", rate=25)
+            stream.height, stream.width, stream.pix_fmt = *half.shape, "yuvj420p"
+            for k in range(2):
+                exif, data = Image.Exif(), io.BytesIO()
+                exif[0x010F] = "a camera"
+                if orientation is not None:
+                    exif[0x0112] = orientation
+                Image.fromarray(half).convert("RGB").save(data, "JPEG", exif=exif)
+                packet = av.Packet(data.getvalue())
+                packet.stream, packet.time_base = stream, Fraction(1, 25)
+                packet.pts = packet.dts = k
+                packet.is_keyframe = True
+                container.mux(packet)
+        light = next(iter(open_footage(path, encoding="linear")))
+        np.testing.assert_allclose(255 * light, expected, atol=3)
 
 
 def test_a_turn_by_no_right_angle_is_refused(tmp_path):
