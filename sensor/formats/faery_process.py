@@ -42,8 +42,8 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
     if decoder.event_type not in events:
         raise ValueError(f"found a file of {decoder.event_type!r}, expected {' or '.join(events)}")
     size = None if decoder.dimensions == _UNKNOWN else decoder.dimensions
-    packets = _with_stored_times(path, decoder) if kind == "dat" else decoder
-    return {"size": size, "others": []}, packets
+    stored = _with_stored_times(path, decoder) if kind == "dat" else decoder
+    return {"size": size, "others": []}, stored
 
 
 def _with_stored_times(path: str, packets: Iterator[Any]) -> Iterator[Any]:

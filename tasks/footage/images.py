@@ -27,6 +27,7 @@ _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
 _WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 256, 257, 258, 262, 338  # of TIFF
+_SUBFILE, _REDUCED_OR_MASK = 254, 0b101
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
 _NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
@@ -91,14 +92,17 @@ def _png_chunks(data: bytes) -> Iterator[bytes]:
         at = end
 
 
-def _tiff_tags(file: Path) -> ImageFileDirectory_v2:
-    """Return the tags of a TIFF file's first image; none if it is no such file."""
+def _tiff_tags(file: Path, page: int = 0) -> ImageFileDirectory_v2:
+    """Return the tags of an image of a TIFF file; none if it has no such image, or is no TIFF."""
     tags = ImageFileDirectory_v2()
     with file.open("rb") as data, suppress(SyntaxError, struct.error):
         head = data.read(8)
         tags = ImageFileDirectory_v2(head + data.read(8) if head[2:3] == _BIG_TIFF else head)
-        data.seek(tags.next)
-        tags.load(data)
+        for _ in range(page + 1):
+            if not tags.next:
+                return ImageFileDirectory_v2()
+            data.seek(tags.next)
+            tags.load(data)
     return tags
 
 
@@ -234,6 +238,8 @@ def _read(file: Path) -> NDArray[np.generic]:
         )
     if kind == "exr":
         return _checked(file, _read_exr(file))
+    if kind == "tiff":
+        _check_one_page(file)
     data = file.read_bytes()
     image: NDArray[np.generic] | None = None
     if kind == "tiff" and _is_straight(file):
@@ -266,6 +272,13 @@ def _is_complete(data: bytes, kind: str) -> bool:
         is_fill = data[at + 1 : at + 2] == b"\xff"  # T.81, B.1.1.2
         at += 1 if is_fill else 2 + int.from_bytes(data[at + 2 : at + 4])
     return b"\xff\xd9" in data[at:]  # phones append films
+
+
+def _check_one_page(file: Path) -> None:
+    """Refuse a TIFF file with several images, such as a stack, of which only one would be read."""
+    second = _tiff_tags(file, 1)
+    if second and not second.get(_SUBFILE, 0) & _REDUCED_OR_MASK:
+        raise TaskError(f"{file}: found several images in it, expected one image in each file")
 
 
 def _is_straight(file: Path) -> bool:

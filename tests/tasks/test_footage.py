@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from PIL import Image
+from PIL import Image, TiffImagePlugin
 
 from eres_render.storage.exr import write_luminance
 from sensor import SensorModel, simulate, to_linear
@@ -184,6 +184,24 @@ def test_tiffs_with_alpha_are_turned_like_those_without(tmp_path, orientation):
         found.append(next(read_images([file])))
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
+
+
+def test_stacks_of_images_in_one_file_are_refused(tmp_path):
+    """Promise: no frame is left out without a word; previews beside an image are."""
+    image, preview = np.full((16, 24), 99, np.uint8), np.full((4, 6), 9, np.uint8)
+    for k in range(2):
+        first = Image.fromarray(image)
+        first.save(tmp_path / f"{k}.tif", save_all=True, append_images=[Image.fromarray(preview)])
+    with pytest.raises(TaskError, match=r"0\.tif: found several images in it, expected one image"):
+        list(read_images(list_images(tmp_path)))
+    reduced = TiffImagePlugin.ImageFileDirectory_v2()
+    reduced[254] = 1
+    for file in list_images(tmp_path):
+        with TiffImagePlugin.AppendingTiffWriter(file, new=True) as pages:
+            first.save(pages, "TIFF")
+            pages.newFrame()
+            Image.fromarray(preview).save(pages, "TIFF", tiffinfo=reduced)
+    assert all(np.array_equal(each, image) for each in read_images(list_images(tmp_path)))
 
 
 def test_damaged_tiffs_are_named(tmp_path):
