@@ -546,7 +546,7 @@ def read_events(
                 reason = {
                     "topic": "has one stream",
                     "time_unit": "states the unit of its times",
-                    "sort": "is sorted",
+                    "sort": "must be in order of time already",
                 }[name]
                 raise EventFormatError(
                     f"{name}: found {given[name]}, expected none for {chosen.title}, which {reason}"
