@@ -167,6 +167,8 @@ def _show_scores(run: FinishedRun) -> None:
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
+    if any(len(scores.speeds(series)) > 1 for series in scores.series()):
+        terminal.out.print("other speeds are in the report and in tables.csv", highlight=False)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.out.print(
