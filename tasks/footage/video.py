@@ -25,7 +25,9 @@ _HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the ma
 def _open(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a video and give its container and stream; errors name the file."""
     import av  # here: it loads FFmpeg's libraries
+    from av.sidedata.sidedata import Type
 
+    Type._missing_ = classmethod(_unnamed)  # type: ignore[method-assign, assignment]
     try:
         # An absolute path, as FFmpeg takes what is before a colon for a protocol.
         with av.open(str(path.absolute())) as container:
@@ -161,7 +163,7 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     with _open(path) as (container, stream):
         for frame in container.decode(stream):
             found += 1
-            matrix = _side_data(frame).get("DISPLAYMATRIX")
+            matrix = frame.side_data.get("DISPLAYMATRIX")
             numbers = _numbers(frame)
             if matrix is not None:
                 numbers = _turned(numbers, matrix, path)
@@ -172,16 +174,8 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
         raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
 
 
-def _side_data(frame: Any) -> Any:
-    """Return what comes with a frame, also if PyAV lacks a name for it, as for Exif."""
-    from av.sidedata.sidedata import Type
-
-    Type._missing_ = classmethod(_unnamed)  # type: ignore[method-assign, assignment]
-    return frame.side_data
-
-
 def _unnamed(kinds: type[Any], value: object) -> Any:
-    """Return a kind of side data without a name in PyAV, which would refuse the whole frame."""
+    """Return a kind of side data that PyAV has no name for, such as Exif, and would raise for."""
     kind = object.__new__(kinds)
     kind._name_, kind._value_ = f"UNNAMED_{value}", value
     return kind
