@@ -25,6 +25,7 @@ from another_process import environment
 from benchmark_files import benchmark
 from eres_render import load_scene
 from eres_render.errors import RenderError
+from eres_render.progress import silent
 from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder, write_poses
 from small_study import only, tiny_study
@@ -259,7 +260,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
     estimates = [estimate_job(queued.job) for queued in jobs]
     ends = list(itertools.accumulate((one.core_s for one in estimates), initial=0.0))
     halves = [start + one.frames_s / 2 for start, one in zip(ends, estimates, strict=False)]
-    order = sorted(range(len(jobs)), key=lambda k: round(estimates[k].core_s), reverse=True)
+    order = sorted(range(len(jobs)), key=lambda k: estimates[k].core_s, reverse=True)
     sums = list(itertools.accumulate((estimates[k].core_s for k in order), initial=0.0))
     for address, expected in (
         (None, [*itertools.chain.from_iterable(zip(ends, halves, strict=False)), ends[-1]]),
@@ -270,6 +271,24 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
             computed = list(computing.compute(jobs, lambda _, done, of, to=said: to.append(done)))
         assert said == pytest.approx(expected)
         assert {job.key for job, _ in computed} == {job.key for job in jobs}
+
+
+def test_workers_take_the_longest_job_first(one_worker, scene_folder, monkeypatch):
+    """Promise: idle workers begin with it too, so that no worker is left with it at the end."""
+    jobs, begun = queued_jobs(scene_folder), []
+    lengths_s = {queued.job.key: 1.0 + 0.1 * place for place, queued in enumerate(jobs)}
+
+    def computed(queued, on_progress):
+        begun.append(queued.key)
+        return ComputedJob([], {}, {})
+
+    monkeypatch.setattr(cluster_module, "compute_job", computed)
+    monkeypatch.setattr(
+        cluster_module, "estimate_job", lambda job: JobEstimate(1, 1.0, lengths_s[job.key], 0.0)
+    )
+    with open_scheduler(one_worker.scheduler_address) as computing:
+        assert len(list(computing.compute(jobs, silent))) == len(jobs)
+    assert begun == [queued.key for queued in reversed(jobs)]
 
 
 @pytest.mark.parametrize("on_cluster", [False, True])

@@ -56,7 +56,9 @@ class Cluster:
         from distributed import as_completed
 
         lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}
-        queued_of = {self._submit(queued, lengths_s[queued.key]): queued for queued in jobs}
+        # The longest first, so that none is last; idle workers take what arrives.
+        in_order = sorted(jobs, key=lambda queued: lengths_s[queued.key], reverse=True)
+        queued_of = {self._submit(queued, lengths_s[queued.key]): queued for queued in in_order}
         done_s, total_s = 0.0, sum(lengths_s.values())
         on_progress(f"workers: {self.worker_count()}", done_s, total_s)
         for future in as_completed(queued_of, loop=self._client.loop):
@@ -72,8 +74,7 @@ class Cluster:
             _order(queued),
             _versions(),
             key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
-            # The longest first, so that none is last.
-            priority=round(length_s),
+            priority=length_s,
             retries=_RETRIES,
         )
 
