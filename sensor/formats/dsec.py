@@ -38,7 +38,7 @@ from sensor.formats.triggers import NO_TRIGGERS, Triggers
 _CHUNK_EVENTS = 1 << 16
 _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
 _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
-_PLACES = ("events", "t_offset", "ms_to_idx", "triggers")
+_PLACES = ("events", "t_offset", "ms_to_idx")
 _TRIGGERS = ("t_us", "channel", "p")
 _MAX_SPAN_US = 1 << 32
 _MAX_INDEXED_US = 1 << 38  # 3 days
@@ -220,7 +220,8 @@ def read_header(path: Path) -> Header:
                     found[name] = _whole(value) if name in ("width", "height") else _text(value)
         offset_us = _read_offset_us(file)
         with said("names"):
-            others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, _PLACES))
+            places = (*_PLACES, "triggers") if _has_triggers(file) else _PLACES
+            others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, places))
             if isinstance(file.get("events"), load_h5py().Group):
                 others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
     return Header(
@@ -305,7 +306,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
 
 
 def read_triggers(path: Path) -> Triggers:
-    """Read the external triggers of a DSEC file; none if it has no group `triggers`.
+    """Read the external triggers of a DSEC file; none if no group `triggers` has any.
 
     Raises
     ------
@@ -314,11 +315,17 @@ def read_triggers(path: Path) -> Triggers:
     """
     with _opened(path) as file:
         with said("triggers"):
-            if "triggers" not in file:
+            if not _has_triggers(file):
                 return NO_TRIGGERS
         columns = [integers(file, f"triggers/{name}") for name in _TRIGGERS]
         with said("triggers"):
             return Triggers(*(column[:] for column in columns))
+
+
+def _has_triggers(file: Any) -> bool:
+    """Return whether a file has triggers as we write them, not other data of that name."""
+    group = file.get("triggers")
+    return isinstance(group, load_h5py().Group) and any(name in group for name in _TRIGGERS)
 
 
 def integers(file: Any, name: str) -> Any:

@@ -1,5 +1,6 @@
 """External triggers: those of faery's files, and through every format that stores them."""
 
+import h5py
 import numpy as np
 import pytest
 from faery import evt as faery_evt
@@ -104,6 +105,25 @@ def test_damage_gives_an_error_or_valid_triggers(name, tmp_path):
         if name in ("dsec", "npz") and len(found):  # checksums
             assert_same_triggers(found, triggers)
     assert refused > 20
+
+
+@pytest.mark.parametrize("group", [True, False])
+def test_triggers_of_other_programs(group, tmp_path):
+    """Promise: a file whose `triggers` are not as ours are is read, and they count as other data;
+    ours that lack a column are refused."""
+    events = random_events(30)
+    path = tmp_path / "a.h5"
+    write_events(path, events)
+    with h5py.File(path, "r+") as file:
+        file["triggers/camera" if group else "triggers"] = np.arange(3)
+    assert_same(load_events(path), events)
+    assert len(read_triggers(path)) == 0
+    assert read_header(path).others == ("triggers",)
+    if group:
+        with h5py.File(path, "r+") as file:
+            file["triggers/t_us"] = np.arange(3)
+        with pytest.raises(EventFormatError, match="triggers/channel: missing"):
+            read_triggers(path)
 
 
 @EVT
