@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from eres_render import load_scene
@@ -59,14 +60,18 @@ class Cluster:
         # The longest first, so that none is last; idle workers take what arrives.
         in_order = sorted(jobs, key=lambda queued: lengths_s[queued.key], reverse=True)
         queued_of = {self._submit(queued, lengths_s[queued.key]): queued for queued in in_order}
-        done_s, total_s = 0.0, sum(lengths_s.values())
+        done_s, shown_s, total_s = 0.0, 0.0, sum(lengths_s.values())
         on_progress(f"workers: {self.worker_count()}", done_s, total_s)
         for future in as_completed(queued_of, loop=self._client.loop):
             queued = queued_of.pop(future)
             yield queued, _result(future, queued.job)
             future.release()
             done_s += lengths_s[queued.key]
-            on_progress(f"workers: {self.worker_count()}", done_s, total_s)
+            workers = self.worker_count()
+            begun = islice(queued_of.values(), workers)  # half done, as far as is known here
+            begun_s = sum(lengths_s[one.key] for one in begun)
+            shown_s = max(shown_s, done_s + begun_s / 2)  # not less if workers leave
+            on_progress(f"workers: {workers}", shown_s, total_s)
 
     def _submit(self, queued: QueuedJob, length_s: float) -> Future:
         return self._client.submit(
