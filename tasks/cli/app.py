@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -36,16 +37,29 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
     """
     app = SubcommandApp()
     for function in functions:
-        described = docstring_parser.parse(function.__doc__ or "")
-        for argument in described.params:  # tyro would keep the source's line breaks
-            argument.description = " ".join((argument.description or "").split())
-            argument.default = None  # parsed from "by default ..."; compose adds it to the name
-        function.__doc__ = docstring_parser.compose(described)
-        _hide_unset(function)
-        app.command(help=described.short_description if overview else None)(function)
+        first_line = _prepare(function)
+        app.command(help=first_line if overview else None)(function)
     return app
 
 
+@cache
+def _prepare(function: Callable[..., Any]) -> str | None:
+    """Change the docstring and annotations of a command to what tyro shows well.
+
+    Returns
+    -------
+    The first line of its docstring.
+    """
+    described = docstring_parser.parse(function.__doc__ or "")
+    for argument in described.params:  # tyro would keep the source's line breaks
+        argument.description = " ".join((argument.description or "").split())
+        argument.default = None  # parsed from "by default ..."; compose adds it to the name
+    function.__doc__ = docstring_parser.compose(described)
+    _hide_unset(function)
+    return described.short_description
+
+
+@cache  # commands share options, and each change would add to the one before
 def _hide_unset(function: Callable[..., Any]) -> None:
     """Hide the defaults None and False, which tyro would print after the help of an option.
 

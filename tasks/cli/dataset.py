@@ -29,6 +29,15 @@ class _PixelsAtEachCutoff(PixelOptions):
 
 _IDEAL_PIXELS = _PixelsAtEachCutoff()
 
+# Settings whose options have shorter names, for errors.
+_OPTIONS = {
+    "baseline_m": "stereo",
+    "cutoffs_hz": "cutoffs",
+    "images_hz": "images",
+    "max_displacement_px": "max_displacement",
+    "truth_step_s": "truth",
+}
+
 
 def dataset(
     out: Annotated[Positional[Path], arg(metavar="OUT", help="folder of the dataset")],
@@ -121,23 +130,27 @@ def dataset(
         threshold = profile.number("threshold_on") or 0.2
     elif pixel.threshold_off is None:  # as in `eres simulate`, one threshold for both
         settled = replace(settled, threshold_off=None)
-    settings = DatasetSettings(
-        seed=seed,
-        seconds=seconds,
-        width=width,
-        height=height,
-        cutoffs_hz=cutoffs,
-        threshold=threshold,
-        threshold_deviation=threshold_deviation,
-        pixel=settled,
-        imu=imu,
-        baseline_m=stereo,
-        images_hz=images,
-        camera=camera,
-        spp=spp,
-        max_displacement_px=max_displacement,
-        truth_step_s=truth,
-    )
+    try:
+        settings = DatasetSettings(
+            seed=seed,
+            seconds=seconds,
+            width=width,
+            height=height,
+            cutoffs_hz=cutoffs,
+            threshold=threshold,
+            threshold_deviation=threshold_deviation,
+            pixel=settled,
+            imu=imu,
+            baseline_m=stereo,
+            images_hz=images,
+            camera=camera,
+            spp=spp,
+            max_displacement_px=max_displacement,
+            truth_step_s=truth,
+        )
+    except TaskError as error:
+        name, colon, found = str(error).partition(":")
+        raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{found}") from error
     with progress_bar(terminal.err) as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
     made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"

@@ -127,9 +127,12 @@ class DatasetSettings:
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
             raise TaskError("pixel: found a cutoff or an illuminance, expected cutoffs_hz")
         check("truth_step_s", self.truth_step_s >= 1e-6, "at least a microsecond")
-        whole_s = self.warm_up_s + self.seconds
-        fits = rate_hz is None or self.camera.exposure <= whole_s
-        check("camera", fits, f"an exposure of at most {whole_s:g} s, the length of a sequence")
+        exposure_s, whole_s = self.camera.exposure, self.warm_up_s + self.seconds
+        if rate_hz is not None and exposure_s > whole_s:
+            raise TaskError(
+                f"exposure: found {exposure_s:g}, expected at most {whole_s:g} s, the length of a "
+                "sequence"
+            )
         try:
             self.models(0, 1.0)
         except SensorError as error:

@@ -14,9 +14,11 @@ from another_process import environment
 from eres_render.rendering.backend import VariantVerdict
 from sensor import SensorError, SensorModel
 from tasks import provenance
+from tasks.cli.events import simulate
 from tasks.cli.main import _ToTerminal, command_names
 from tasks.errors import TaskError
 from tasks.evaluation.setting import Setting
+from tasks.events.sensor_options import PixelOptions
 
 
 def test_version_and_lists(eres):
@@ -41,6 +43,16 @@ def test_every_command_explains_itself(eres, command):
     next_one = r"\((?:default|required)|--[a-z]|╰"
     assert not re.findall(rf"--[a-z][\w-]* (?:[A-Z{{]\S* )?(?:{next_one})", shown)
     assert not re.findall(r"\(default: (?:None|False)\)", shown)
+
+
+def test_a_command_may_run_any_number_of_times(eres):
+    """Promise: a call leaves commands as they are, so that the thousandth is as fast as the second,
+    in a notebook too."""
+    parts = simulate, PixelOptions
+    eres("methods")
+    before = [dict(one.__annotations__) for one in parts]
+    eres("methods")
+    assert [one.__annotations__ for one in parts] == before
 
 
 @pytest.mark.parametrize(
