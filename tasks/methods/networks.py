@@ -16,9 +16,9 @@ from tasks.registry import TASKS, load
 
 _OURS = Path(__file__).parents[1] / "learned" / "weights"  # weights that come with eres
 _KEPT = 4  # networks in memory
-# Of the machine's memory; the rest is for sensors, frames and a network at work. A study with 90
-# sensors took 21.7 GB where networks kept 12.3 GB (docs/results.md).
-_MOST_KEPT = 2 / 3
+# Of the machine's memory; the rest is for sensors, frames, events and a network at work. A study
+# with 90 sensors took 22.4 GB where networks kept 12.3 GB (docs/results.md).
+_MOST_KEPT = 1 / 2
 
 
 def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
@@ -168,7 +168,7 @@ def _version(file: str) -> tuple[Path, int, int]:
 
 
 def check_kept(kept: Mapping[str, int], sensors: int) -> None:
-    """Check that what networks keep for all sensors at a time leaves a third of the memory free.
+    """Check that what networks keep for all sensors at a time leaves half of the memory free.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def check_kept(kept: Mapping[str, int], sensors: int) -> None:
     if (needed := sum(kept.values())) > _MOST_KEPT * (there := memory_bytes()):
         raise WeightsError(
             f"{' and '.join(kept)}: for {sensors} sensors (one for each light and speed) networks "
-            f"keep {needed / 1e9:.1f} GB in memory, more than two thirds of this machine's "
+            f"keep {needed / 1e9:.1f} GB in memory, more than half of this machine's "
             f"{there / 1e9:.1f} GB; "
             "choose fewer or smaller sensors, or run one network at a time"
         )
