@@ -44,3 +44,13 @@ def test_time_left_counts_what_this_start_did(lines):
         "rendering: 0:00:00 elapsed",
         "rendering: 0:01:00 elapsed, 0:01:00 left",
     ]
+
+
+def test_time_left_waits_for_a_hundredth_of_the_work(lines):
+    """Promise: what runs for an hour is not said to take days because loading took a minute."""
+    reports = (0.0, "rocks", 0, 1000), (60.0, "rocks", 9, 1000), (120.0, "rocks", 60, 1000)
+    assert lines(*reports) == [
+        "rocks: 0:01:00 elapsed",
+        "rocks: 0:02:00 elapsed, 0:31:20 left",
+    ]
+    assert lines((0.0, "done", 9, 9), (60.0, "done", 9, 9)) == ["done: 0:01:00 elapsed"]
