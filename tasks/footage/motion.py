@@ -53,21 +53,37 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
             yield gray(small, footage.white_level)
             on_progress("measuring motion", k, len(footage))
 
+    scales = width / footage.width, height / footage.height
     for before, after in pairwise(images()):
-        flow = optical_flow(before, after) * (footage.width / width, footage.height / height)
-        across = _across_edges(before, flow)
+        across = _across_edges(before, optical_flow(before, after), scales)
         found.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
     return np.array(found)
 
 
-def _across_edges(image: NDArray[np.uint8], flow: Float32) -> NDArray[np.float64]:
-    """Return the lengths of the components of flow along the gradient, where there is one."""
+def _across_edges(
+    image: NDArray[np.uint8], flow: Float32, scales: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Return the lengths of the components of flow along the gradient, where there is one.
+
+    Parameters
+    ----------
+    image
+        (H, W) small image.
+    flow
+        (H, W, 2) its displacements, px of the small image.
+    scales
+        Size of the small image over that of the footage, in x and y; a narrow one is stretched.
+
+    Returns
+    -------
+    (N,) px of the footage.
+    """
     gradient = np.stack(
         [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))], -1
     )
-    length = np.hypot(*np.moveaxis(gradient, 2, 0))
-    edge = length > _EDGE
-    return np.abs(np.sum(gradient * flow, axis=2)[edge]) / length[edge]
+    edge = np.hypot(*np.moveaxis(gradient, 2, 0)) > _EDGE
+    change = np.abs(np.sum(gradient * flow, axis=2)[edge])  # of the light; the scales cancel
+    return change / np.hypot(*np.moveaxis(gradient[edge] * scales, 1, 0))
 
 
 def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
