@@ -132,14 +132,18 @@ def test_the_nearest_values_work(carpet, cutoff_hz, speed, every_s, fast, dense)
 
 
 def test_other_limits_are_rounded_to_the_side_that_works(carpet) -> None:
-    """Promise: the highest speed for tracking, 1.786, and the longest time between samples,
-    19.966 s, are rounded down."""
+    """Promise: the highest speed for tracking, 1.786, or 3.125 where a window of 50 ms ends with
+    the path, and the longest time between samples, 19.966 s, are rounded down."""
     tracking = only(tracking=Tracking())
     render = Render(window_s=0.025)
     study = Study(name="fast", scenes=("carpet",), render=render, evaluate=tracking)
     (most,) = re.findall(r"expected at most (\S+),", refusal(study, carpet))
     assert most == "1.78"
     assert refusal(replace(study, simulate=Simulate(speeds=(float(most),))), carpet) == ""
+    ideal, faster = (Simulate(cutoffs_hz=(math.inf,), speeds=(speed,)) for speed in (3.12, 3.2))
+    at_the_end = replace(study, render=Render(every_s=0.1), simulate=faster)
+    assert "a path after the last start shorter than the 16 ms" in refusal(at_the_end, carpet)
+    assert refusal(replace(at_the_end, simulate=ideal), carpet) == ""
     study = replace(
         study,
         render=Render(every_s=30.0, window_s=0.017),

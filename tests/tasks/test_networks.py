@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eres_render import load_scene, render_scene
+from eres_render import Clip, Renderer, load_scene, render_clip, render_scene
 from hashed_fill import hashed_events
 from sensor import Events, SensorModel
 from sensor.representations import voxel_grid
@@ -359,6 +359,17 @@ def test_tasks_of_clips_refuse_a_continuous_sequence(small_carpet, tmp_path, tas
     (whole,) = render_scene(small_carpet, tmp_path, continuous=True, **options)
     with pytest.raises(TaskError, match=said + ".*; render clips, without --continuous"):
         evaluate_sequence(whole, task, width=16, speed=2.0)
+
+
+def test_tracking_refuses_a_window_at_the_end_of_the_path(small_carpet, tmp_path):
+    """Promise: the spline that is tracked needs a pose 16 ms after its start, not only frames."""
+    renderer = Renderer(small_carpet, width=16, spp=1)
+    last = Clip(0, t_start_s=9.9, t_window_start_s=9.95, t_window_end_s=10.0)
+    clip = render_clip(renderer, last, tmp_path, max_displacement_px=2.0)
+    options = {"width": 16, "methods": ["initial_path"]}
+    with pytest.raises(TaskError, match=r"path that ends at 10 s, expected 10\.006 s or later"):
+        evaluate_sequence(clip, "tracking", speed=3.5, **options)
+    assert len(evaluate_sequence(clip, "tracking", speed=3.0, **options)) == 1
 
 
 def test_dense_flow_keeps_the_events_of_two_windows_only():

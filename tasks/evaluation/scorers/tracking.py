@@ -20,6 +20,7 @@ from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
 from tasks.tracking import (
     KNOT_INTERVAL_S,
+    PATH_S,
     failure_of,
     most_pixels,
     path_at,
@@ -39,7 +40,9 @@ class TrackingScorer:
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Tracking) -> None:
         self._reference, self._setting, self._task = reference, setting, task
         model = setting.model
-        _check_start(reference.sequence.window_s[0], setting.speed)
+        _check_path(
+            reference.sequence.window_s[0], reference.truth.trajectory.duration_s, setting.speed
+        )
         # The path is in the events' time: a faster camera runs through it sooner.
         self._truth = path_at(self._pose, 0.0)
         duration_us = round(self._truth.duration_s * 1e6)
@@ -115,14 +118,20 @@ class TrackingScorer:
         return position_error_mm(path, self._pose, 0.0, self._truth.duration_s)
 
 
-def _check_start(start_s: float, speed: float) -> None:
-    """Refuse windows before which the scene's path has no room for a knot, as that of all of it."""
+def _check_path(start_s: float, end_s: float, speed: float) -> None:
+    """Refuse windows around whose path that of the scene has no room for a knot on each side."""
     before_s = KNOT_INTERVAL_S * speed
     if start_s < before_s - 1e-9:
         raise TaskError(
             f"tracking: found a window that starts at {start_s:g} s of the path, expected "
             f"{before_s:g} s or later, one knot after the path's start; render clips, without "
             "--continuous"
+        )
+    until_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
+    if end_s < until_s - 1e-9:
+        raise TaskError(
+            f"tracking: found a path that ends at {end_s:g} s, expected {until_s:g} s or later, at "
+            f"speed {speed:g} one knot after the path that is tracked; lower the speed"
         )
 
 

@@ -22,7 +22,7 @@ from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import StudySensor, in_radiance
 from tasks.study.settings import LEAST_RESOLUTION, check_buses, check_speeds
-from tasks.tracking import PATH_S
+from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
 _log = logging.getLogger(__name__)
 
@@ -283,21 +283,41 @@ def _jobs_on(
         found = _spread_clips(render, scene, simulate, before_s)
     if isinstance(tracking := tasks.get("tracking"), Tracking):
         place = _place_of_speeds(simulate, stretches)
-        _check_tracked(place, render, simulate, 1e-6 * tracking.delay_us)
+        path = scene.trajectory(scene.camera(render.resolution, render.height))
+        left_s = path.duration_s - max(clip.t_window_start_s for clip in found)
+        _check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 
 
-def _check_tracked(place: str, render: Render, simulate: Simulate, delay_s: float) -> None:
-    """Refuse speeds at which the window ends before the path that is tracked, and its delay."""
-    needed_s = PATH_S + delay_s
-    most = render.window_s / needed_s
-    if max(simulate.speeds) > most * (1 + 1e-9):
-        raise StudyError(
-            f"{place}: found {max(simulate.speeds):.3g} times the base speed, with windows "
-            f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
-            f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
-        )
+def _check_tracked(
+    place: str, render: Render, simulate: Simulate, delay_s: float, left_s: float
+) -> None:
+    """Refuse speeds at which tracking lacks frames of its window or poses after it.
+
+    Parameters
+    ----------
+    place
+        Name of the field with the speeds.
+    render, simulate
+        Settings of the samples.
+    delay_s
+        Longest delay that a method may find.
+    left_s
+        What is left of the scene's path when the last window starts, at base speed.
+    """
+    needs = (
+        ("windows", render.window_s, PATH_S + delay_s),
+        ("a path after the last start", left_s, PATH_S + KNOT_INTERVAL_S),
+    )
+    for what, there_s, needed_s in needs:
+        most = there_s / needed_s
+        if max(simulate.speeds) > most * (1 + 1e-9):
+            raise StudyError(
+                f"{place}: found {max(simulate.speeds):.3g} times the base speed, with {what} "
+                f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
+                f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
+            )
 
 
 def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
