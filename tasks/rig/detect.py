@@ -129,7 +129,7 @@ def _need_frames(recording: Recording) -> None:
 
 
 def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures:
-    """Yield the frames that are nearest to times along the way; each once."""
+    """Yield the slow frames that are nearest to times along the way; each once."""
     _need_frames(recording)
     first_us, last_us = recording.slider.t_us[[0, -1]].tolist()
     frames = [frame for frame in recording.frames if first_us <= frame.t_us <= last_us]
@@ -139,6 +139,13 @@ def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures
             f"expected some from {first_us:.0f} to {last_us:.0f} us"
         )
     taken_us = np.array([frame.t_us for frame in frames])
+    slow = np.flatnonzero(np.abs(recording.slider.speed_mps(taken_us)) <= max_speed_mps)
+    if not slow.size:
+        raise RigError(
+            f"{recording.folder / FRAMES_TABLE}: found no frame at which the slider has "
+            f"{max_speed_mps:g} m/s or less"
+        )
+    frames, taken_us = [frames[k] for k in slow.tolist()], taken_us[slow]
     wanted_us = recording.slider.evenly_along(
         images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps
     )

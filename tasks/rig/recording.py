@@ -110,7 +110,8 @@ class Recording:
             If there is none, or more than one.
         """
         suffixes = {suffix for one in FORMATS.values() for suffix in one.suffixes}
-        found = [file for file in sorted(self.folder.glob("events.*")) if file.suffix in suffixes]
+        files = sorted(self.folder.glob("events.*"))
+        found = [file for file in files if file.suffix.lower() in suffixes]
         if len(found) != 1:
             names = ", ".join(file.name for file in found) or "none"
             raise RigError(f"{self.folder}: found {names}, expected one file events.*")

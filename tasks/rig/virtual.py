@@ -141,8 +141,9 @@ def render_rig(
     Raises
     ------
     RigError
-        If the rig has no slider, the depth is not positive, the exposure is shorter than 2 us, the
-        camera does not face the page, or the folder has the recording of another rig or depth.
+        If the rig has no slider, the depth is not positive, the exposure is shorter than 2 us or
+        longer than the slider's pause, the camera does not face the page, or the folder has the
+        recording of another rig or depth.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
@@ -152,6 +153,11 @@ def render_rig(
     if frame_camera.exposure < _LEAST_EXPOSURE_S:
         raise RigError(
             f"exposure: found {frame_camera.exposure:g} s, expected at least {_LEAST_EXPOSURE_S:g}"
+        )
+    if frame_camera.exposure > settings.slider.pause_s:
+        raise RigError(
+            f"exposure: found {frame_camera.exposure:g} s, expected at most slider.pause_s, "
+            f"{settings.slider.pause_s:g} s, as the first image is taken at rest"
         )
     page = lay_out(settings.page)
     codes = draw(page, settings.page, rig_file.parent)

@@ -1,10 +1,14 @@
 """The slider: strokes, readings, gaps and clocks."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from sensor import Events
 from tasks.errors import RigError
+from tasks.rig.detect import _frames
 from tasks.rig.evaluate import RigEvaluation, _windows
 from tasks.rig.settings import SliderSettings
 from tasks.rig.slider import Slider, read_slider, strokes, write_slider
@@ -155,3 +159,29 @@ def test_times_without_readings_are_refused():
     assert slider.position_m([50.0]).tolist() == [0.5]
     with pytest.raises(RigError, match="do the two clocks agree"):
         slider.position_m([101.0])
+
+
+def test_frames_are_those_of_slow_motion():
+    """Promise: with a limit, no frame of a faster stroke is used, however near to a slow time."""
+    slider = strokes(SETTINGS)
+    taken_us = slider.evenly_along(40, 0.0, slider.t_us[-1])  # as `eres rig render` takes them
+    frames = tuple(SimpleNamespace(t_us=int(t_us), codes=lambda camera: None) for t_us in taken_us)
+    recording = SimpleNamespace(slider=slider, frames=frames, camera=None, folder=Path("near"))
+    for limit, fastest in ((0.25, 0.2), (np.inf, 0.4)):
+        used_us = [t_us for t_us, _ in _frames(recording, 40, limit)]
+        assert np.abs(slider.speed_mps(np.array(used_us))).max() == pytest.approx(fastest, rel=1e-3)
+    with pytest.raises(RigError, match=r"no frame at which the slider has 0\.01 m/s"):
+        list(_frames(recording, 40, 0.01))
+
+
+@pytest.mark.parametrize("step_m", [1e-6, 5e-6])
+def test_an_encoder_may_log_its_steps_alone(step_m):
+    """Promise: a turn without readings is no gap, as the carriage rests; one in a stroke is."""
+    slider = strokes(SETTINGS)
+    t_us = np.arange(slider.t_us[0], slider.t_us[-1], 1.0)
+    x_m = np.round(slider.position_m(t_us) / step_m) * step_m
+    logged = np.flatnonzero(np.diff(x_m, append=np.inf))
+    Slider(t_us[logged], x_m[logged]).check_gaps()
+    kept = logged[(t_us[logged] < 3e5) | (t_us[logged] > 4e5)]
+    with pytest.raises(RigError, match=r"no reading from 29.* to 40.* us while it moved"):
+        Slider(t_us[kept], x_m[kept]).check_gaps()

@@ -542,13 +542,18 @@ def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new, 
     assert {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()} == before
 
 
-def test_an_exposure_of_no_length_is_refused_before_the_render(tmp_path):
-    """Promise: nothing is written for an exposure of a microsecond, which has no middle."""
+@pytest.mark.parametrize(
+    ("exposure", "said"),
+    [(1e-6, "found 1e-06 s, expected at least 2e-06"), (5.0, r"found 5 s, .* slider.pause_s, ")],
+)
+def test_an_exposure_that_does_not_fit_is_refused_before_the_render(tmp_path, exposure, said):
+    """Promise: nothing is written for an exposure of a microsecond, which has no middle, or for one
+    longer than the rest in which the first image is taken."""
     (tmp_path / "rig.toml").write_text(RIG)
-    with pytest.raises(RigError, match="exposure: found 1e-06 s, expected at least 2e-06"):
+    with pytest.raises(RigError, match=f"exposure: {said}"):
         render_rig(
             *(tmp_path / "rig.toml", tmp_path / "near", DEPTH_M),
-            frame_camera=FrameCameraOptions(exposure=1e-6),
+            frame_camera=FrameCameraOptions(exposure=exposure),
             spp=1,
             max_displacement_px=50.0,
         )
@@ -690,6 +695,10 @@ def test_bad_recordings_are_refused(folder, tmp_path):
         detect(open_recording(another), "hf", images=4)
     with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
         detect(open_recording(another), "frame", images=4)
+
+    loud = copy("loud")
+    (loud / "events.h5").rename(loud / "events.H5")
+    assert open_recording(loud).events_file.name == "events.H5"
 
     eventless = copy("eventless")
     (eventless / "events.h5").unlink()
