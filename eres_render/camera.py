@@ -323,7 +323,7 @@ class Camera:
         _check_size(width, 1 if height is None else height)
         fov_rad, stretch = self.fov_rad, 1.0
         if height is None:
-            height = round(width * self.height / self.width)
+            height = max(1, round(width * self.height / self.width))
             stretch = height * self.width / (self.height * width)
         else:
             share = self.height * width / (self.width * height)  # of this width, if < 1

@@ -110,8 +110,8 @@ class RadianceSequence:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the window is the whole sequence, without a warm-up."""
-        return self.window_s == (self.manifest.t_s[0], self.manifest.t_s[-1])
+        """Whether the window is the whole sequence, from the path's start on."""
+        return self.manifest.t_s[0] == 0 and self.window_s == (0, self.manifest.t_s[-1])
 
     @property
     def white_level(self) -> float:

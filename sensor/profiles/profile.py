@@ -138,5 +138,8 @@ class Profile:
             times = usual_hz / cutoff_hz if limited and cutoff_hz else None
             changes = {"cutoff_hz": usual_hz}
         if noise_hz is not None and times is not None:
-            changes["shot_noise_hz"] = noise_hz * times**-exponent
+            try:
+                changes["shot_noise_hz"] = noise_hz * times**-exponent
+            except (OverflowError, ZeroDivisionError):
+                changes["shot_noise_hz"] = math.inf  # which SensorModel refuses
         return changes

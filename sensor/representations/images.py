@@ -96,7 +96,8 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
             f"before t_us = {t_us}"
         )
     surface = np.zeros((2, events.height, events.width), np.float32)
-    _decay(events.columns, t_us, max(tau_us, _LEAST_TAU_US), surface)
+    if len(events):  # without, any time will do, also one beyond int64
+        _decay(events.columns, t_us, max(tau_us, _LEAST_TAU_US), surface)
     return surface
 
 

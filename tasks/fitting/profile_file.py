@@ -59,5 +59,5 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
 
 
 def _text(value: str) -> str:
-    """Return a TOML string; JSON's escapes are among those of TOML."""
-    return json.dumps(value, ensure_ascii=False)
+    """Return a TOML string; JSON's escapes are among those of TOML, which has one more."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -155,10 +155,12 @@ def on_one_clock(
         frames = frames.later(found.shift_us)
         check_frames(recording, frames)
     elif found is not None and found.matters:
+        given = f"--frames-shift-us {shift_us + found.shift_us}"
+        option = given if shift_us else "--estimate-shift"
         notes.append(
             f"clocks: the frames fit the events best {_ms(found.shift_us)} ("
             f"{100 * found.unexplained:.0f} % of their change unexplained, not "
-            f"{100 * found.unexplained_before:.0f} %); not done, --estimate-shift does it"
+            f"{100 * found.unexplained_before:.0f} %); not done, {option} does it"
         )
     return frames
 

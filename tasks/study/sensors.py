@@ -261,7 +261,9 @@ def _in_file(pixel: PixelOptions, file: Path) -> PixelOptions:
 
 
 def _plain(body: _Body) -> SensorModel:
-    if (body.sensor is None) == (body.width is None) or (body.height and body.width is None):
+    if (body.sensor is None) == (body.width is None) or (
+        body.height is not None and body.width is None
+    ):
         found = [name for name in ("sensor", "width", "height") if getattr(body, name) is not None]
         raise TaskError(
             f"found {' and '.join(found) or 'no size'}, expected sensor = NAME, as in "

@@ -123,7 +123,10 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     if not isinstance(found, list):
         raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
     squares = read_typed(Simulate, {**table, "widths": []}, file, StudyError, "simulate")
-    of_study = squares.lights, squares.dark_fraction
+    try:
+        of_study = squares.lights, squares.dark_fraction
+    except SensorError as error:
+        raise StudyError(f"{file}: simulate.{error}") from None
     table["sensors"] = [
         read_sensor(one, *of_study, file, f"simulate.sensors[{i}]", squares.bus_mev_s)
         for i, one in enumerate(found)

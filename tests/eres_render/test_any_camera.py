@@ -255,6 +255,8 @@ def test_resizing_the_camera_is_scaling_the_image(camera):
     square = camera.resized(36, 36)  # of the central 72 columns
     expected = (camera.cropped(28, 0, 72, 72).project(points)) / 2
     np.testing.assert_allclose(square.project(points), expected, atol=1e-9)
+    row = Camera(1280, 1, fx=1000.0).resized(64)  # at least one row of pixels
+    assert (row.height, row.fx, round(row.fy, 9)) == (1, 50.0, 1000.0)
 
 
 @pytest.mark.parametrize("camera", [WIDE, BENT], ids=["pinhole", "lens"])

@@ -82,6 +82,8 @@ def test_a_sequence_reads_back_as_written(folder):
     assert (sequence.white_level, sequence.window_s) == (0.9, (0.11, 0.125))
     np.testing.assert_allclose(sequence.T_world_cam[:, 0, 3], T_S, atol=1e-15)
     assert not sequence.is_continuous
+    edit_manifest(folder, window_s=[T_S[0], T_S[-1]])
+    assert not open_sequence(folder).is_continuous  # a clip without a warm-up, not from time 0
     frames = list(sequence)
     assert all(frame.shape == (4, 6) and frame.dtype == np.float32 for frame in frames)
     assert [float(frame[0, 0]) for frame in frames] == [0.5, 1.5, 2.5]

@@ -123,6 +123,13 @@ def test_a_wrong_profile_is_refused(tmp_path, text, expected):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("lux", "exponent"), [(5e-324, 1.0), (1e-300, 2.0), (1e-30, 12.0)])
+def test_shot_noise_beyond_all_bounds_is_refused(lux, exponent):
+    """Promise: one line that names it, where the power of the light overflows."""
+    with pytest.raises(SensorError, match="shot_noise_hz: found inf"):
+        find_profile("v2e-noisy").applied_to(SensorModel(width=4, height=4), lux, exponent)
+
+
 def test_a_profile_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(SensorError, match="found 'davis241'; did you mean 'davis240'"):
         find_profile("davis241")

@@ -150,6 +150,8 @@ def test_time_surface_refuses_ages_beyond_64_bits():
     for t_us in (np.inf, np.nan, 1000.9):
         with pytest.raises(EventError, match="expected whole microseconds as an integer"):
             time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3, t_us=t_us)
+    empty = Events(ends, pixel, pixel, p, 8, 4)[:0]
+    assert not time_surface(empty, tau_us=1e3, t_us=1 << 70).any()
 
 
 @given(streams())

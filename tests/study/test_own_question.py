@@ -194,6 +194,11 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ('sensors = [{sensor = "atis", width = 3}]', "found sensor and width, expected sensor ="),
         ('sensors = [{profile = "imx636"}]', "found no size, expected sensor = NAME"),
         ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
+        ('sensors = [{sensor = "atis", height = 0}]', "found sensor and height, expected sensor ="),
+        (
+            'sensors = ["davis346"]\nilluminance_lux = [0, 67]',
+            "toml: simulate.illuminance_lux: found 0",
+        ),
         ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
         ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
         ("sensors = [{width = 9, threshold_on = 1}]", "mean 'threshold_off' or 'threshold'"),

@@ -291,6 +291,12 @@ def test_another_study_of_the_prints_is_not_on_the_slider(tmp_path, eres, change
     assert 'id="slider"' not in page_of(run)
 
 
+def test_speeds_in_meters_per_second_are_no_factors(tmp_path):
+    """Promise: 1 m/s is not the paper's lowest speed, which is the factor 1."""
+    rows = [replace(row, speed_m_s=row.speed) for row in slider_rows(samples=1)]
+    assert 'id="slider"' not in page_of(made_on_slider(tmp_path, rows))
+
+
 def test_the_report_has_the_162_numbers_beside_ours(tmp_path):
     """Promise: a run on the slider shows all of the paper's numbers, and claim 22 alone; another
     run has no such section."""

@@ -242,6 +242,18 @@ def test_a_list_of_cutoffs_is_a_tuple():
     assert settings == dataclasses.replace(settings, cutoffs_hz=(200.0, np.inf))
 
 
+def test_a_cutoff_follows_the_light_where_there_is_one():
+    """Promise: ideal pixels beside those whose cutoff follows the light, as in a study."""
+    pixel = PixelOptions(cutoff_follows_light=True)
+    settings = DatasetSettings(
+        seed=0, seconds=1.0, width=4, height=4, cutoffs_hz=(np.inf, 200.0), pixel=pixel
+    )
+    ideal, real = settings.models(0, white_level=1.0).values()
+    assert (ideal.cutoff_hz, ideal.cutoff_reference) == (np.inf, None)
+    assert real.cutoff_hz == 200
+    assert real.cutoff_reference is not None
+
+
 def test_a_dataset_continues_with_numbers_of_numpy(tmp_path):
     """Promise: settings that were computed are those of a dataset begun with Python's numbers."""
     settings = DatasetSettings(seed=3, seconds=1.0, width=64, height=48, cutoffs_hz=(50.0, np.inf))

@@ -17,7 +17,7 @@ from tasks.errors import TaskError
 from tasks.flow import FlowEstimate, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.methods.contrast_maximization.contrast import _EXPOSURES
-from tasks.recording.clock import estimate_shift
+from tasks.recording.clock import estimate_shift, on_one_clock
 from tasks.recording.evaluate import _thresholds, evaluate_recording
 from tasks.recording.flow_windows import spread
 from tasks.recording.frames import open_frames
@@ -255,6 +255,13 @@ def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
     assert found.shift_us == pytest.approx(1600, abs=100)
     assert right.shift_us == pytest.approx(0, abs=100)
     assert (found.matters, right.matters) == (True, False)
+    notes = []
+    on_one_clock(recording, early, 0, notes)
+    assert notes[-1].endswith("not done, --estimate-shift does it")
+    on_one_clock(recording, early, -400, notes)  # what the note names replaces what was given
+    option, shift_us = notes[-1].split("not done, ")[1].split()[:2]
+    assert option == "--frames-shift-us"
+    assert int(shift_us) == pytest.approx(1600, abs=100)
 
 
 def test_a_clock_is_found_where_the_light_between_frames_is_not(tmp_path):
