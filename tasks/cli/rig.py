@@ -218,9 +218,9 @@ def detect(
     from tasks.events.overwriting import check_new
     from tasks.rig.detect import detect as find
     from tasks.rig.markers import write_detections
-    from tasks.rig.recording import open_recording
+    from tasks.rig.recording import open_recording, recorded_files
 
-    check_new(out, overwrite, recording)
+    check_new(out, overwrite, recording, *recorded_files(recording))
     with progress_bar(terminal.err) as on_progress:
         found = find(
             open_recording(recording),
@@ -278,11 +278,12 @@ def solve(
     from tasks.rig.bundle import Unknowns
     from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
     from tasks.rig.markers import read_detections
-    from tasks.rig.recording import open_recording
+    from tasks.rig.recording import open_recording, recorded_files
 
     if not recordings:
         raise UsageError("solve: found no recording, expected at least one folder")
-    check_new(out, overwrite, *(folder / corners for folder in recordings))
+    for folder in recordings:
+        check_new(out, overwrite, folder / corners, *recorded_files(folder))
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
     opened = [open_recording(folder) for folder in recordings]
     solved = [

@@ -36,6 +36,12 @@ from tasks.rig.settings import RigSettings
 from tasks.rig.slider import Slider
 
 FRAMES_FOLDER = "frames"
+_RECORDED = "events.*", "rig.toml", "page.*", "*.csv", "*.yaml", "*.yml", "truth.json"
+
+
+def recorded_files(folder: Path) -> list[Path]:
+    """Return the files of a recording that no result may replace."""
+    return [file for pattern in _RECORDED for file in sorted(folder.glob(pattern))]
 
 
 @dataclass(frozen=True, slots=True)

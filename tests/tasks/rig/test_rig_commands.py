@@ -106,6 +106,16 @@ def test_each_option_reaches_its_function(eres, tmp_path, monkeypatch, command, 
     assert asked == [expected]
 
 
+@pytest.mark.parametrize("command", ["detect", "solve"])
+@pytest.mark.parametrize("name", ["events.raw", "page.json", "slider.csv", "rig.toml"])
+def test_results_never_replace_what_was_recorded(eres, tmp_path, command, name):
+    """Promise: --overwrite is about results; a mistyped --out loses no recording."""
+    (tmp_path / name).write_bytes(b"recorded")
+    code, _, err = eres("rig", command, tmp_path, "--out", tmp_path / name, "--overwrite")
+    assert (code, f"{name}: is the input" in err) == (1, True)
+    assert (tmp_path / name).read_bytes() == b"recorded"
+
+
 def test_a_page_is_printed_with_its_markers(eres, tmp_path):
     """Promise: the file to print, its image and its markers; nothing is replaced unless told."""
     (tmp_path / "rig.toml").write_text(PAGE)
