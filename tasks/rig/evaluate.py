@@ -118,10 +118,11 @@ class _Window:
     place: int  # number of the place on the page, which windows there and back share
     start_us: int
     end_us: int
-    x_m: tuple[float, float]  # position of the slider at the start and the end
+    x_m: tuple[float, float]  # the encoder's reading at the start and the end
 
     @property
-    def speed_mps(self) -> float:
+    def encoder_mps(self) -> float:
+        """Speed by the encoder, whose scale `eres rig solve --scale` finds."""
         return 1e6 * abs(self.x_m[1] - self.x_m[0]) / (self.end_us - self.start_us)
 
 
@@ -142,6 +143,10 @@ class _Crop:
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", self.cropped.camera())
         object.__setattr__(self, "pose", self.cropped.pose.pose())
+
+    def settings_of_encoder(self, settings: RigEvaluation) -> RigEvaluation:
+        """Return the settings with the travel of a window by the encoder."""
+        return replace(settings, travel_m=settings.travel_m / self.pose.scale)
 
 
 def evaluate_rig(
@@ -179,7 +184,7 @@ def evaluate_rig(
     for k, one in enumerate(crops):
         crop = _load(one, settings)
         try:
-            windows = _windows(crop.slider, crop.events, settings)
+            windows = _windows(crop.slider, crop.events, crop.settings_of_encoder(settings))
         except RigError as error:
             raise RigError(f"{one}: {error}") from None
         rows: list[Row] = []
@@ -318,7 +323,7 @@ def _row(
         width=crop.camera.width,
         cutoff_hz=crop.cutoff_hz,
         contrast_threshold=crop.contrast_threshold,
-        speed=round(window.speed_mps, 4),
+        speed=round(window.encoder_mps * crop.pose.scale, 4),
         sample=window.place,
         metric=metric,
         value=value,

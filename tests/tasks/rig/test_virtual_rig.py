@@ -40,6 +40,7 @@ from tasks.rig.evaluate import (
     _features,
     _load,
     _nearest,
+    _row,
     _Window,
     evaluate_rig,
 )
@@ -402,6 +403,11 @@ def test_every_distance_has_the_same_corners(recording, frames_solved, tmp_path)
     shared = min(map(len, both))
     assert shared > 3
     np.testing.assert_allclose(both[0][:shared], both[1][:shared], atol=1e-9)
+    # Where the encoder counts 2 mm as 1 mm, speeds and travels are still those of the carriage.
+    scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
+    one, two = (_row(crop, window, "flow", "m", "v", 0.0) for crop in (crop_near, scaled))
+    assert (one.speed, two.speed) == (0.2, 0.4)
+    assert scaled.settings_of_encoder(RigEvaluation(travel_m=0.006)).travel_m == 0.003
 
 
 def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_solved, tmp_path):
