@@ -456,4 +456,6 @@ def _check_numbers(section: str, values: Any) -> None:
 def to_json(study: Study) -> dict[str, Any]:
     """Return the study as plain JSON values; inf becomes "inf"."""
     values: dict[str, Any] = json_values(study, optional=_LEFT_OUT_IF_NOT_GIVEN)
+    if study.simulate.speeds_m_s is not None:  # factors are then not used
+        del values["simulate"]["speeds"]
     return values

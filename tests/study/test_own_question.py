@@ -28,6 +28,7 @@ from tasks.study.results.words import cutoff_label, speed_label
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
 from tasks.study.run.scaling import scaling_files
+from tasks.study.settings import to_json
 from tasks.study.study_file import read_study
 
 QUIET = """
@@ -114,6 +115,7 @@ def test_speeds_in_m_per_s_are_factors_on_each_scene(tmp_path) -> None:
         (setting, *_) = jobs_of(study, load_scene(name))[0].settings(1.0)
         assert setting.speed == pytest.approx(factor)
         assert setting.speed_m_s == 1.8
+    assert "speeds" not in to_json(study)["simulate"]  # the usual factors, which are not used
 
 
 def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
