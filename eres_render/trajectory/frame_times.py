@@ -33,6 +33,7 @@ _LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
 _PACE_S = 4e-3  # time between measurements of speed
 _INSTANT_S = 1e-5  # in which it is measured
 _POINTS_A_SIDE = 5  # of a box
+_MOST_PAST = 1.05  # of the limit, where the search ends at a root
 _RECENT = 8  # times whose poses and motions are kept
 
 
@@ -314,6 +315,9 @@ def adaptive_times(
                 high = brentq(
                     lambda dt, t=t: motion(t, t + dt) - max_displacement_px, low, high, xtol=1e-9
                 )
+                if motion(t, t + high) > _MOST_PAST * max_displacement_px:
+                    # It jumps there, as where an object enters the view: end just before.
+                    high = max(low, high - 2e-9, min(high, _LEAST_STEP_S))
                 step_s = high
                 if high < _LEAST_STEP_S:
                     raise _too_fast(max_displacement_px, high, t)

@@ -1,5 +1,6 @@
 """Adaptive frame times: never too far apart, never too close, with marks hit exactly."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -56,6 +57,19 @@ def test_senseless_requests_are_refused(motion):
         adaptive_times(motion, MARKS_S, np.inf)
     with pytest.raises(RenderError, match="increasing"):
         adaptive_times(motion, (0.3, 0.2), 0.5)
+
+
+@pytest.mark.parametrize("enters_s", [0.0162, 0.0263777, 0.0371])
+def test_a_motion_that_jumps_stays_below_the_limit(enters_s):
+    """Promise: where a fast object enters the view, a frame is taken just before."""
+
+    def motion(a, b):
+        return (90.0 if b >= enters_s else 50.0) * (b - a)
+
+    t_s = adaptive_times(motion, (0.0, 0.05), 0.5)
+    found = [motion(a, b) for a, b in pairwise(t_s.tolist())]
+    assert max(found) <= 0.5 * (1 + 1e-6)
+    assert len(t_s) <= 1 + math.ceil(100 * enters_s) + 1 + math.ceil(180 * (0.05 - enters_s))
 
 
 @pytest.mark.parametrize("times", [adaptive_times, paced_times])
