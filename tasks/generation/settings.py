@@ -157,7 +157,16 @@ class DatasetSettings:
         -------
         models
             Sensors by their cutoff, "inf" or in Hz; all with the same contrast threshold.
+
+        Raises
+        ------
+        TaskError
+            Cutoffs are to follow the light, and all are inf.
         """
+        if self.pixel.cutoff_follows_light and min(self.cutoffs_hz) == math.inf:
+            raise TaskError(
+                "cutoff-follows-light: found no cutoff, expected one, such as --cutoffs 200"
+            )
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
         base = SensorModel(width=self.width, height=self.height, dark_level=_DARK_LEVEL)

@@ -280,7 +280,7 @@ def test_thresholds_stay_near_their_mean():
     model = noisy.models(0, 1.0)["inf"]
     assert (model.leak_hz, model.threshold_mismatch, model.dark_level) == (0.1, 0.03, 1e-3)
     assert model.contrast_threshold == C[0]
-    with pytest.raises(TaskError, match="no cutoff"):
+    with pytest.raises(TaskError, match="no cutoff, expected one, such as --cutoffs 200"):
         DatasetSettings(
             seed=0, seconds=1, width=4, height=4, pixel=PixelOptions(cutoff_follows_light=True)
         ).models(0, 1.0)
