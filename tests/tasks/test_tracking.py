@@ -383,7 +383,8 @@ def test_a_scored_sample_is_that_of_all_events(scene, count):
     sequence = SimpleNamespace(
         window_s=(0.002, 0.03), t_s=np.array([0.0, 0.04]), manifest=SimpleNamespace(clip=0)
     )
-    truth = SimpleNamespace(trajectory=SimpleNamespace(pose=pose), plane=FLOOR)
+    path = SimpleNamespace(pose=pose, duration_s=0.04)
+    truth = SimpleNamespace(trajectory=path, plane=FLOOR)
     reference = SimpleNamespace(
         sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_images={WIDTH: log_image}
     )
