@@ -561,18 +561,23 @@ def test_impossible_evidence_is_refused(evidence, text):
 
 
 def test_a_recording_whose_name_is_not_utf_8_has_a_profile(eres, tmp_path):
-    """Promise: the profile has the name with U+FFFD, and the output escapes it. TOML forbids U+007F
-    as it is."""
+    """Promise: the profile has the name with U+FFFD, and the output escapes it."""
     events, _ = still(shot_noise_hz=4.0)
-    file = tmp_path / os.fsdecode(b"caf\xe9\x7f.npz")
+    file = tmp_path / os.fsdecode(b"caf\xe9.npz")
     write_events(file, events)
     out = file.with_suffix(".toml")
     code, printed, err = eres("fit", file, "--out", out, "--still", "0", "1")
     assert (code, err) == (0, "")
-    assert "caf\\udce9" in printed
+    assert "caf\\udce9.toml: " in printed
     profile = read_profile(out)
-    assert profile.title == "caf\N{REPLACEMENT CHARACTER}\x7f.npz"
+    assert profile.title == "caf\N{REPLACEMENT CHARACTER}.npz"
     assert profile.known["leak"].source.startswith(f"{profile.title}: a still stretch")
+
+
+def test_a_profile_may_be_named_with_a_control_character(tmp_path):
+    """Promise: TOML forbids U+007F as it is; the title is read as it was written."""
+    write_profile(tmp_path / "mine.toml", "a\x7fb", {})
+    assert read_profile(tmp_path / "mine.toml").title == "a\x7fb"
 
 
 def test_a_recording_without_events_is_named(eres, tmp_path):
