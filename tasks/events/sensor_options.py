@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -119,7 +120,7 @@ class PixelOptions:
             if alone and not getattr(model, _FIELDS[of]):
                 said, needed = (one.replace("_", "-") for one in (name, of))
                 raise TaskError(f"{said}: found it without --{needed}, expected both, or a profile")
-        limited = model.cutoff_hz < float("inf")
+        limited = model.cutoff_hz < math.inf
         if not limited and self.cutoff is None and self.illuminance is None:
             self.refuse_photoreceptor("--cutoff or --illuminance, such as --cutoff 200")
         if self.cutoff_follows_light:
@@ -136,6 +137,21 @@ class PixelOptions:
         if limited and (self.cutoff_follows_light or model.photoreceptor == "v2e"):
             model = replace(model, cutoff_reference=white_level)
         return model
+
+    def at_cutoff(self, cutoff_hz: float) -> PixelOptions:
+        """Return the options with a cutoff; inf does not follow the light.
+
+        Parameters
+        ----------
+        cutoff_hz
+            Corner frequency of the photoreceptor, Hz.
+
+        Returns
+        -------
+        The options.
+        """
+        follows = self.cutoff_follows_light and cutoff_hz < math.inf
+        return replace(self, cutoff=cutoff_hz, cutoff_follows_light=follows)
 
     def refuse_photoreceptor(self, expected: str) -> None:
         """Refuse a photoreceptor that is given by hand for pixels without a cutoff.

@@ -172,9 +172,7 @@ class DatasetSettings:
         base = SensorModel(width=self.width, height=self.height, dark_level=_DARK_LEVEL)
         found: dict[str, SensorModel] = {}
         for hz in self.cutoffs_hz:
-            follows = self.pixel.cutoff_follows_light and hz < math.inf
-            pixel = dataclasses.replace(self.pixel, cutoff=hz, cutoff_follows_light=follows)
-            model = pixel.applied_to(base, white_level)
+            model = self.pixel.at_cutoff(hz).applied_to(base, white_level)
             C = self.threshold + away * self.threshold_deviation
             C_off = model.contrast_threshold_off
             found[f"{hz:g}"] = dataclasses.replace(

@@ -99,7 +99,9 @@ class Slider:
         usual_us = float(np.median(steps_us))
         speeds = np.abs(np.diff(self.x_m)) / steps_us
         moving = speeds[speeds > 0]
-        moved = speeds > _MOVES * np.median(moving) if moving.size else speeds > 0
+        if not moving.size:
+            return
+        moved = speeds > _MOVES * np.median(moving)
         gaps = np.flatnonzero(moved & (steps_us > _LONGEST_GAP * usual_us))
         if gaps.size:
             worst = gaps[np.argmax(steps_us[gaps])]

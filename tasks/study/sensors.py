@@ -281,8 +281,7 @@ def _lit(plain: SensorModel, body: _Body, pixel: PixelOptions, light: Light) -> 
     if light.illuminance_lux:
         pixel = replace(pixel, illuminance=light.illuminance_lux)
     else:
-        follows = pixel.cutoff_follows_light and light.cutoff_hz < math.inf
-        pixel = replace(pixel, cutoff=light.cutoff_hz, cutoff_follows_light=follows)
+        pixel = pixel.at_cutoff(light.cutoff_hz)
     model = pixel.applied_to(plain, white_level=1.0)
     if body.threshold is None:
         return model

@@ -204,7 +204,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     return [
         job
         for stretches in sorted(planned)
-        for job in _jobs_on(stretches, planned[stretches], study, scene)
+        for job in _jobs_on(stretches, planned[stretches], study, scene, path.duration_s)
     ]
 
 
@@ -272,9 +272,16 @@ def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
 
 
 def _jobs_on(
-    stretches: Stretches, tasks: Mapping[str, TaskSettings], study: Study, scene: Scene
+    stretches: Stretches,
+    tasks: Mapping[str, TaskSettings],
+    study: Study,
+    scene: Scene,
+    path_s: float,
 ) -> Iterator[Job]:
-    """Yield the jobs on some stretches; the warm-up is longer at a higher speed."""
+    """Yield the jobs on some stretches of a path of `path_s` seconds.
+
+    The warm-up is longer at a higher speed.
+    """
     render, simulate, before_s = _on(stretches, study)
     if stretches.continuous_s:
         run_in_s, duration_s = stretches.continuous_s
@@ -283,8 +290,7 @@ def _jobs_on(
         found = _spread_clips(render, scene, simulate, before_s)
     if isinstance(tracking := tasks.get("tracking"), Tracking):
         place = _place_of_speeds(simulate, stretches)
-        path = scene.trajectory(scene.camera(render.resolution, render.height))
-        left_s = path.duration_s - max(clip.t_window_start_s for clip in found)
+        left_s = path_s - max(clip.t_window_start_s for clip in found)
         _check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
