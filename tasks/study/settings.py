@@ -76,6 +76,8 @@ class Render:
     def seen_px(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of the part of the frames that a sensor sees.
 
+        A sensor with their aspect ratio, to a pixel, sees all of them.
+
         Parameters
         ----------
         width, height
@@ -87,6 +89,8 @@ class Render:
             Of the part, px.
         """
         frame_height = self.height_at(self.resolution)
+        if height == self.height_at(width):  # rounded, and its pixels may not be quite square
+            return self.resolution, frame_height
         rows, columns = crop_to_aspect(frame_height, self.resolution, height, width)
         return columns.stop - columns.start, rows.stop - rows.start
 

@@ -1,15 +1,17 @@
 """The stretches of a path that a study renders."""
 
+import json
 import math
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from eres_render import Scene, SceneError, load_scene, path_through
+from eres_render.progress import silent
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
@@ -23,8 +25,9 @@ from tasks.study.config import (
     Tracking,
     Video,
 )
+from tasks.study.run.compute import compute_job
 from tasks.study.run.estimate import estimate_work
-from tasks.study.run.jobs import jobs_of
+from tasks.study.run.jobs import QueuedJob, jobs_of
 
 
 def test_only_what_is_scored_is_rendered() -> None:
@@ -73,6 +76,41 @@ def test_a_wide_view_may_be_farther_from_the_plane() -> None:
     with pytest.raises(SceneError, match="the view reaches"):
         scene.trajectory()
     assert estimate_work(jobs_of(wide, scene), 2)
+
+
+@given(resolution=st.integers(2, 2000), height=st.integers(2, 2000), data=st.data())
+@example(resolution=1190, height=669, data=None)
+def test_widths_see_all_of_the_frames(resolution, height, data) -> None:
+    """Promise: also where rounding makes a sensor flatter, as 442x248 px on 1190x669 px, so that
+    all of a study's widths look at the same points."""
+    render = Render(resolution=resolution, height=height)
+    width = data.draw(st.integers(1, resolution)) if data else 442
+    assume(render.height_at(width) > 0)
+    assert render.seen_px(width, render.height_at(width)) == (resolution, height)
+
+
+def test_flat_frames_are_the_same_points_for_each_width() -> None:
+    """Promise: features are found once, although 197x111 px at square pixels would see 319 columns.
+
+    The true flows are those of the frames, as its pixels are 0.2 % from square.
+    """
+    dense = DenseFlow(methods=("zero_flow",), features=8)
+    study = Study(
+        name="flat",
+        scenes=("carpet",),
+        render=Render(resolution=320, height=180, spp=1, max_displacement_px=2.0, samples=1),
+        simulate=Simulate(widths=(197, 320), cutoffs_hz=(math.inf,), speeds=(1.0,)),
+        evaluate=only(dense_flow=dense),
+    )
+    (job,) = jobs_of(study, load_scene("carpet"))
+    computed = compute_job(QueuedJob(job, job.key, False), silent)
+    coarse, fine = (
+        [row.value for row in computed.rows if row.width == width] for width in (197, 320)
+    )
+    assert len(coarse) == 8
+    np.testing.assert_allclose(coarse, fine, rtol=2e-3)
+    (costs,) = (json.loads(content) for content in computed.files.values())
+    assert costs["frames"] == costs["rendered_frames"] > 0  # read once, for one shape
 
 
 @pytest.fixture(scope="module")

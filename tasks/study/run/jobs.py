@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from eres_render import Clip, Scene, Trajectory, clips, continuous_stretch
-from sensor.model import SensorModel, cutoff_in_light
+from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
@@ -20,7 +20,7 @@ from tasks.methods.networks import digests
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
-from tasks.study.sensors import StudySensor, in_radiance
+from tasks.study.sensors import in_radiance
 from tasks.study.settings import LEAST_RESOLUTION, check_buses, check_speeds
 from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
@@ -61,6 +61,8 @@ class Job:
             "methods": code_of(methods, weights),
             "versions": STAGE_VERSIONS,
         }
+        if self.render.height is not None:
+            decided_by["part"] = "whole frames"  # earlier code cropped what rounding left over
         if own := code_of_tasks({name: task.methods for name, task in self.evaluate.items()}):
             decided_by["own tasks"] = own
         return digest(decided_by)
@@ -98,17 +100,13 @@ class Job:
                 readout=None if "bus" in sensor.own else sensor.readout or bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
-                distance=self._seen_px(sensor, model) / model.width if same_lens else 1.0,
+                distance=self.render.seen_px(model.width, model.height)[0] / model.width
+                if same_lens
+                else 1.0,
             )
             for sensor, light, model in sensors.models(self.render)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
-
-    def _seen_px(self, sensor: StudySensor, model: SensorModel) -> int:
-        """Return the width of the part of the frames that a sensor sees, px."""
-        if not sensor.name:  # has their aspect ratio, but for whole pixels
-            return self.render.resolution
-        return self.render.seen_px(model.width, model.height)[0]
 
     def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
         """Return the rows with those without a cutoff repeated for every photoreceptor."""
