@@ -359,7 +359,7 @@ def evaluate(
     ],
     out: Path,
     tasks: tuple[Literal["flow", "video", "tracking"], ...] = ("flow", "video", "tracking"),
-    windows: int = 10,
+    places: int = 10,
     travel: float = 0.006,
     threshold: float | None = None,
     cutoff: float | None = None,
@@ -373,7 +373,7 @@ def evaluate(
     not removed. OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its
     slider on these recordings, and `eres report OUT` draws their scores. Speeds are in m/s. Crops
     that differ by less than 10 % in width count as one distance, and speeds within 10 % as one
-    speed; all have as many windows as the one with the fewest.
+    speed. At each speed, what is scored is what all distances have: the same places and corners.
 
     Parameters
     ----------
@@ -381,10 +381,11 @@ def evaluate(
         Folder of the run: rows.parquet, study.json with what was recorded, environment.json.
     tasks
         What is scored; tracking needs a camera without distortion.
-    windows
-        Number of windows on each crop, evenly spaced along the slider's travel.
+    places
+        Number of places, evenly spaced along the part of the travel that all recordings of a print
+        share. Each time that the carriage passes one is scored. Intervals need 6 places.
     travel
-        Travel of the slider in a window, meters.
+        Travel of the slider in a window around a place, meters.
     threshold
         Contrast threshold, log units; by default that of the simulated sensor.
     cutoff
@@ -411,7 +412,7 @@ def evaluate(
     file = out / "rows.parquet"
     check_new(file, overwrite)
     settings = RigEvaluation(
-        windows=windows,
+        places=places,
         travel_m=travel,
         contrast_threshold=threshold,
         cutoff_hz=cutoff,

@@ -1,12 +1,13 @@
 """Rows of recordings in cells like those of a study: one speed, one width, the same samples.
 
 A slider keeps its speed to within a few percent, and crops from one distance differ by a few
-pixels. A study compares medians over the same number of samples and items at each width and speed.
+pixels. A study compares medians over the same number of samples and items at each width and speed,
+and takes differences between widths of the same ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -18,54 +19,75 @@ from tasks.row import Row
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
 _Light = tuple[float, float]  # cutoff and contrast threshold
-_Place = list[Row]  # the rows of a task at one place of one recording
+_Cell = tuple[int, float]  # width, px, and speed, m/s
+_Visit = tuple[int, int]  # numbers of the recording and of the visit in it
+_Place = dict[int, list[Row]]  # the rows of a task at a place, by item
+_Shared = dict[int, list[int]]  # items that all widths have, by the number of their place
 
 
-def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
-    """Group the rows of recordings by distance and speed, with equal samples in each group.
+def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) -> list[Row]:
+    """Group the rows of recordings by distance and speed, with the same items in each group.
 
     Parameters
     ----------
     recordings
         The rows of each recording, with `speed` as measured, m/s, and with the number of the place
-        on the page as `sample`: the carriage comes to a place more than once.
+        on the print as `sample`.
+    per_visit
+        Number n of items in a visit to a place, by task, 1 if it is not given: item k of visit v is
+        n v + k, and odd visits are those on the carriage's way back.
 
     Returns
     -------
     rows
         `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
         `speed_m_s` equals `speed`. For each picture, task and light, only speeds that every width
-        has are kept, all with the same number of places, evenly spread, and of items at each, the
-        first ones: so many that most scores are kept. Samples, one for each place, are numbered
-        from 0 in each light at each speed and width.
+        has are kept. At each speed, every width has the same places and, there, the same items:
+        those that all have. All speeds have as many places, evenly spread, and places as many
+        items, the first ones: so many that most scores are kept. Samples, one for each place, are
+        numbered from 0 in each light at each speed and width, and so are items at each place.
 
     Raises
     ------
     RigError
-        If the recordings of a picture have no speed in common.
+        If the recordings of a picture have no speed with a place in common.
     """
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    tasks: dict[tuple[str, str, _Light], dict[tuple[int, float], list[_Place]]] = {}
-    for rows in recordings:
-        places: dict[tuple[str, str, _Light, int, float, int], _Place] = {}
+    visits: dict[tuple[str, str, _Light], dict[_Cell, dict[int, dict[_Visit, _Place]]]] = {}
+    for recording, rows in enumerate(recordings):
         for row in rows:
             width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
-            moved = replace(row, width=width, speed=speed, speed_m_s=speed)
             light = row.cutoff_hz, row.contrast_threshold
-            at = row.scene, row.task, light, width, speed, row.sample
-            places.setdefault(at, []).append(moved)
-        for (scene, task, light, width, speed, _), place in places.items():
-            cells = tasks.setdefault((scene, task, light), {})
-            cells.setdefault((width, speed), []).append(_numbered(place))
-    return [row for (scene, *_), cells in tasks.items() for row in _equal(scene, cells)]
+            visit, k = divmod(row.item, per_visit.get(row.task, 1))
+            cells = visits.setdefault((row.scene, row.task, light), {})
+            places = cells.setdefault((width, speed), {}).setdefault(row.sample, {})
+            moved = replace(row, width=width, speed=speed, speed_m_s=speed)
+            places.setdefault((recording, visit), {}).setdefault(k, []).append(moved)
+    return [
+        row
+        for (scene, task, _), cells in visits.items()
+        for row in _equal(
+            scene,
+            {
+                cell: {place: _items(of, per_visit.get(task, 1)) for place, of in places.items()}
+                for cell, places in cells.items()
+            },
+        )
+    ]
 
 
-def _numbered(place: _Place) -> _Place:
-    """Return the rows with items from 0 on, over all visits of the place."""
-    items = {item: k for k, item in enumerate(sorted({row.item for row in place}))}
-    return [replace(row, item=items[row.item]) for row in place]
+def _items(visits: dict[_Visit, _Place], per_visit: int) -> _Place:
+    """Return the rows of all visits of a place: the nth visit in a direction has the same items in
+    every recording, whatever other speeds it has."""
+    found: _Place = {}
+    for back in (0, 1):
+        there = sorted(visit for visit in visits if visit[1] % 2 == back)
+        for n, visit in enumerate(there):
+            first = (2 * n + back) * per_visit
+            found |= {first + k: rows for k, rows in visits[visit].items()}
+    return found
 
 
 def _groups(values: Iterable[float]) -> dict[float, float]:
@@ -79,39 +101,52 @@ def _groups(values: Iterable[float]) -> dict[float, float]:
     return {value: median(group) for group in groups for value in group}
 
 
-def _equal(scene: str, cells: dict[tuple[int, float], list[_Place]]) -> list[Row]:
+def _equal(scene: str, cells: dict[_Cell, dict[int, _Place]]) -> list[Row]:
     """Return the rows of a task on a picture, reduced to what every width has."""
-    sizes = sorted({_items(place) for places in cells.values() for place in places})
-    items, kept = max(((n, _full(cells, n)) for n in sizes), key=lambda one: _worth(*one))
+    widths = sorted({width for width, _ in cells})
+    shared = {
+        speed: _shared([cells.get((width, speed), {}) for width in widths])
+        for speed in sorted({speed for _, speed in cells})
+    }
+    sizes = sorted({len(items) for places in shared.values() for items in places.values()})
+    kept = max((_full(shared, n) for n in sizes), key=_worth, default={})
     if not kept:
-        named = " and ".join(f"{width} px" for width in sorted({width for width, _ in cells}))
+        named = " and ".join(f"{width} px" for width in widths)
         raise RigError(
-            f"evaluate: {scene}: found no speed that the crops of {named} have in common, expected "
-            "one; record the same speeds from each distance, or give more windows"
+            f"evaluate: {scene}: found no speed at which the crops of {named} have a place in "
+            "common, expected one; record the same speeds from each distance, or give more places"
         )
     count = min(map(len, kept.values()))
     rows = []
-    for places in kept.values():
-        spread = np.linspace(0, len(places) - 1, count).round().astype(int).tolist()
-        for sample, index in enumerate(spread):
-            rows += [replace(row, sample=sample) for row in places[index] if row.item < items]
+    for (_, speed), places in cells.items():
+        numbers = [*kept.get(speed, {})]
+        spread = np.linspace(0, len(numbers) - 1, count).round().astype(int).tolist()
+        for sample, index in enumerate(spread if numbers else []):
+            number = numbers[index]
+            for item, one in enumerate(kept[speed][number]):
+                rows += [replace(row, sample=sample, item=item) for row in places[number][one]]
     return rows
 
 
-def _full(
-    cells: dict[tuple[int, float], list[_Place]], items: int
-) -> dict[tuple[int, float], list[_Place]]:
-    """Return the places with so many items, at the speeds that every width then has."""
-    full = {at: [one for one in cells[at] if _items(one) >= items] for at in cells}
-    widths = {width for width, _ in cells}
-    speeds = {speed for _, speed in cells if all(full.get((w, speed)) for w in widths)}
-    return {at: places for at, places in full.items() if at[1] in speeds}
+def _shared(widths: Sequence[dict[int, _Place]]) -> _Shared:
+    """Return the items that all widths have, by their place; without places that have none."""
+    found = {
+        number: sorted(set.intersection(*(set(places[number]) for places in widths)))
+        for number in sorted(set.intersection(*map(set, widths)))
+    }
+    return {number: items for number, items in found.items() if items}
 
 
-def _worth(items: int, kept: dict[tuple[int, float], list[_Place]]) -> tuple[int, int]:
-    """Return the number of cells, then that of the scores in each."""
-    return len(kept), items * min(map(len, kept.values()), default=0)
+def _full(shared: dict[float, _Shared], n: int) -> dict[float, _Shared]:
+    """Return the first n items at the places that have so many, at the speeds with such places."""
+    full = {
+        speed: {number: items[:n] for number, items in places.items() if len(items) >= n}
+        for speed, places in shared.items()
+    }
+    return {speed: places for speed, places in full.items() if places}
 
 
-def _items(place: _Place) -> int:
-    return 1 + max(row.item for row in place)
+def _worth(kept: dict[float, _Shared]) -> tuple[int, int]:
+    """Return the number of speeds, then the least number of items at one."""
+    counts = [sum(map(len, places.values())) for places in kept.values()]
+    return len(kept), min(counts, default=0)

@@ -44,7 +44,7 @@ DETECTED = {
 }
 ALL = Unknowns(latency=True, scale=True, corner_bias=True)
 EVALUATED = RigEvaluation(
-    windows=3,
+    places=3,
     travel_m=0.004,
     contrast_threshold=0.3,
     cutoff_hz=90.0,
@@ -81,7 +81,7 @@ EVALUATED = RigEvaluation(
             ((NEAR, Path("near/mine.parquet"), ALL, 0.7), {}),
         ),
         (
-            "evaluate crops --out run --tasks flow tracking --windows 3 --travel 0.004 --threshold "
+            "evaluate crops --out run --tasks flow tracking --places 3 --travel 0.004 --threshold "
             "0.3 --cutoff 90 --initial-sigma-mm 2 --seed 8",
             "evaluate.evaluate_rig",
             (((Path("crops"),), EVALUATED), {}),

@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sensor import Events
 from tasks.errors import RigError
 from tasks.rig.detect import _frames
-from tasks.rig.evaluate import RigEvaluation, _windows
+from tasks.rig.places import Way
 from tasks.rig.settings import SliderSettings
 from tasks.rig.slider import Slider, read_slider, strokes, write_slider
 
@@ -45,44 +44,88 @@ def test_images_are_evenly_spaced_along_the_way():
         slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
 
 
+def way_of(slider, scale=1.0, slope=1.0):
+    """Return the way of a crop whose middle is at the position of the slider."""
+    return Way(slider, scale, 0.0, slope)
+
+
+def windows(slider, count, travel_m=0.006, until_us=None):
+    """Return the windows at places evenly spaced along the readings."""
+    way = way_of(slider)
+    first_m, last_m = way.span_m
+    places_m = first_m + (np.arange(count) + 0.5) / count * (last_m - first_m)
+    return way.windows(
+        places_m, travel_m, 0, int(slider.t_us[-1]) if until_us is None else until_us
+    )
+
+
 def test_no_window_is_in_a_pause():
-    """Promise: with any number of windows; the middle of the way there and back is a pause."""
+    """Promise: the middle of the way there and back is a pause; every place is passed twice."""
     slider = Slider(np.array([0, 1e6, 2e6 + 0.4, 3e6 + 0.4]), np.array([0, 0.2, 0.2, 0.0]))
-    t_us, x = np.arange(0, 3_000_001, 1000), np.zeros(3001, np.uint16)
-    events = Events(t_us, x, x, np.ones(3001, np.int8), width=1, height=1)
-    for count in (2, 5, 10, 11):
-        found = _windows(slider, events, RigEvaluation(windows=count))
-        assert len(found) == count - count % 2
+    for count in (1, 2, 5, 10, 11):
+        found = windows(slider, count)
+        assert [(w.place, w.visit) for w in found] == [
+            *((k, 0) for k in range(count)),
+            *((k, 1) for k in reversed(range(count))),
+        ]
         assert all(abs(slider.speed_mps(0.5 * (w.start_us + w.end_us))) > 0.1 for w in found)
 
 
-def events_until(t_us):
-    """Return an event in each millisecond."""
-    t_us = np.arange(0, t_us + 1, 1000)
-    x = np.zeros(len(t_us), np.uint16)
-    return Events(t_us, x, x, np.ones(len(t_us), np.int8), width=1, height=1)
-
-
-def test_windows_there_and_back_share_their_places():
-    """Promise: 5 places, 40 mm apart, are visited twice at each of two speeds."""
+def test_windows_there_and_back_are_at_the_same_places():
+    """Promise: 5 places, 40 mm apart, each passed twice at two speeds, and windows around their
+    middles to a tenth of a micrometer; those where the carriage speeds up are left out."""
     slider = strokes(SETTINGS)
-    found = _windows(slider, events_until(int(slider.t_us[-1])), RigEvaluation(windows=20))
-    assert len(found) > 16
-    middles_mm = {}
+    found = windows(slider, 5)
+    assert len(found) == 20
     for window in found:
-        middles_mm.setdefault(window.place, []).append(500 * sum(window.x_m))
-    assert all(np.ptp(at) < 6 for at in middles_mm.values())
-    assert len(middles_mm) == 5
-    assert sorted(middles_mm) == list(range(len(middles_mm)))
+        start_m, end_m = window.x_m
+        assert 0.5 * (start_m + end_m) == pytest.approx(0.02 + 0.04 * window.place, abs=1e-7)
+        assert (end_m - start_m) * (-1) ** window.visit == pytest.approx(0.006, abs=1e-6)
+    assert {window.visit for window in found if window.encoder_mps < 0.3} == {0, 1}
+    assert {window.visit for window in found if window.encoder_mps > 0.3} == {2, 3}
+    edge = [w for w in windows(slider, 20) if w.place in (0, 19)]  # 8 mm of 0.4 m/s are ramp
+    assert {window.visit for window in edge} == {0, 1}
+
+
+def test_a_visit_keeps_its_number_though_others_have_no_events():
+    """Promise: the second stroke there is visit 2 also if the events begin after the first."""
+    slider = strokes(SETTINGS)
+    late = way_of(slider).windows(np.array([0.1]), 0.006, 1_500_000, int(slider.t_us[-1]))
+    assert [window.visit for window in late] == [1, 2, 3]
+
+
+def test_there_and_back_are_directions_on_the_print():
+    """Promise: also where the slider counts the other way."""
+    slider = strokes(SETTINGS)
+    reversed_ = Slider(slider.t_us, 0.2 - slider.x_m)
+    one = way_of(slider).windows(np.array([0.05]), 0.006, 0, int(slider.t_us[-1]))
+    way = Way(reversed_, 1.0, 0.2, -1.0)
+    other = way.windows(np.array([0.05]), 0.006, 0, int(slider.t_us[-1]))
+    assert way.span_m == pytest.approx((0.0, 0.2))
+    assert [(w.visit, w.start_us) for w in one] == [(w.visit, w.start_us) for w in other]
+
+
+def test_the_travel_is_that_of_the_carriage():
+    """Promise: where the encoder counts 2 mm as 1 mm, a window of 6 mm is 3 mm of readings."""
+    slider = strokes(SETTINGS)
+    found = way_of(slider, scale=2.0).windows(np.array([0.1]), 0.006, 0, int(slider.t_us[-1]))
+    assert len(found) == 4
+    for window in found:
+        assert abs(window.x_m[1] - window.x_m[0]) == pytest.approx(0.003, abs=1e-6)
 
 
 @pytest.mark.parametrize("step_m", [5e-6, 13e-6])
-def test_windows_have_the_travel_though_the_encoder_has_steps(step_m):
-    """Promise: the travel of a window is that which was asked for, to two steps of the encoder."""
-    t_us = np.arange(0.0, 1e6, 500.0)
-    slider = Slider(t_us, np.round(0.21e-6 * t_us / step_m) * step_m)
-    found = _windows(slider, events_until(999_000), RigEvaluation(windows=20))
-    assert len(found) > 5
+@pytest.mark.parametrize("jitter", [0, 1])
+def test_windows_have_the_travel_though_the_encoder_has_steps(step_m, jitter):
+    """Promise: the travel of a window is that which was asked for, to two steps of the encoder, and
+    one that jitters by a step passes each place once."""
+    t_us = np.arange(0.0, 1e6, 20.0 if jitter else 500.0)
+    steps = np.round(0.21e-6 * t_us / step_m)
+    slider = Slider(t_us, (steps + jitter * (np.arange(len(t_us)) % 2)) * step_m)
+    found = windows(slider, 20)
+    assert len(found) > 10
+    assert len({window.place for window in found}) == len(found)
+    assert {window.visit for window in found} <= {0}
     for window in found:
         assert abs(window.x_m[1] - window.x_m[0]) == pytest.approx(0.006, abs=2 * step_m)
 
@@ -94,16 +137,17 @@ def test_a_window_has_one_speed_from_its_start_to_its_end():
     speed = np.interp(t_us, [5e4, 6e4, 8e4, 9e4], [0.0, 0.2, 0.2, 0.0])
     slider = Slider(t_us, np.concatenate([[0.0], np.cumsum(speed[1:] * 1e-3)]))
     assert 0.0055 < slider.x_m[-1] < 0.0065
-    with pytest.raises(RigError, match="found no window of constant speed"):
-        _windows(slider, events_until(199_000), RigEvaluation(windows=9))
+    assert windows(slider, 1, 0.0055) == []
+    assert windows(slider, 1, 0.005) == []
+    assert len(windows(slider, 1, 0.0035)) == 1
 
 
-def test_windows_that_pass_the_ends_of_the_readings_are_left_out():
+def test_windows_that_pass_the_ends_of_the_events_are_left_out():
     """Promise: they are not a reason to score none of the others."""
     t_us = np.arange(0.0, 3e5, 500.0)
     slider = Slider(t_us, 0.2e-6 * t_us)
-    found = _windows(slider, events_until(299_000), RigEvaluation(windows=60, travel_m=0.01))
-    assert 40 < len(found) < 60
+    assert len(windows(slider, 5, 0.01)) == 5
+    assert [w.place for w in windows(slider, 5, 0.01, until_us=200_000)] == [0, 1, 2]
 
 
 def test_a_file_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):

@@ -39,13 +39,14 @@ from tasks.rig.evaluate import (
     RigEvaluation,
     _features,
     _load,
-    _nearest,
     _row,
-    _Window,
+    _windows,
     evaluate_rig,
 )
 from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
+from tasks.rig.places import Window
+from tasks.rig.prints import prints_of
 from tasks.rig.recording import open_recording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import Slider, read_slider, write_slider
@@ -281,7 +282,7 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
         h = table[k, 1:].reshape(3, 3) @ [0.07, 0.05, 1.0]
         assert by_pose == pytest.approx(h[:2] / h[2], abs=1e-6)
     settings = RigEvaluation(
-        windows=2, features=4, flow=("contrast_maximization", "initial_flow"), tracking=()
+        places=2, features=4, flow=("contrast_maximization", "initial_flow"), tracking=()
     )
     rows = evaluate_rig([tmp_path / "crops"], settings)
     assert {row.task for row in rows} == {"flow", "video"}
@@ -382,32 +383,69 @@ def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
     assert (made / "crop.json").exists()
 
 
-def test_every_distance_has_the_same_corners(recording, frames_solved, tmp_path):
-    """Promise: patches of flow are at the same points of the print from near and far."""
+def test_every_distance_has_the_same_places_and_corners(recording, frames_solved, tmp_path):
+    """Promise: patches of flow are at the same points of the print from near and far, with the same
+    numbers, there and back; a recording that begins elsewhere shares the part that both pass."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
-    crop_near = _load(made, RigEvaluation(tracking=()))
-    near, camera = crop_near.cropped, crop_near.camera
-    pose = replace(near.pose, origin_m=(np.array(near.pose.origin_m) - [0, 0, 0.1]).tolist())
-    size = {"width": camera.width // 2, "height": camera.height // 2}
-    middle = {"cx": 0.25 * camera.width, "cy": 0.25 * camera.height}
-    crop_far = replace(crop_near, cropped=replace(near, pose=pose, **size, **middle))
-    assert _nearest([crop_far.cropped, near]) == {"pebbles": near}
-    x_m = tuple(frames_solved.x_m)
-    window = _Window(0, 0, 0, 10_000, (x_m[0], x_m[0] + 0.002))
-    both = []
-    for one in (crop_near, crop_far):
-        centers_px, _ = _features(one, near, window, 8)
-        both.append(on_page(one.pose, one.camera, centers_px, x_m[0]))
-    shared = min(map(len, both))
-    assert shared > 3
-    np.testing.assert_allclose(both[0][:shared], both[1][:shared], atol=1e-9)
+    far = made.with_name("far")
+    shutil.copytree(made, far)
+    near = read_crop(made)
+    readings = read_slider(far / "slider.csv")  # the far one's begin at 1 cm
+    write_slider(far / "slider.csv", Slider(readings.t_us, readings.x_m + 0.01))
+    back_m = np.array([0.0, 0.0, 0.1]) + 0.01 * np.array(near.pose.direction)
+    pose = replace(near.pose, origin_m=(np.array(near.pose.origin_m) - back_m).tolist())
+    size = {"width": near.width // 2, "height": near.height // 2}
+    middle = {"cx": 0.25 * near.width, "cy": 0.25 * near.height}
+    (far / "crop.json").write_text(json.dumps(asdict(replace(near, pose=pose, **size, **middle))))
+    crops = {folder: read_crop(folder) for folder in (far, made)}
+    settings = RigEvaluation(tracking=())
+    (printed,) = prints_of(crops, 3, settings.travel_m).values()
+    assert printed.nearest == near
+    points = {}
+    for folder in crops:
+        one = _load(folder, crops[folder], printed, settings)
+        found = _windows(one, settings.travel_m)
+        assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
+        for window in found:
+            numbers, centers_px, _ = _features(one, window, 12)
+            seen_m = on_page(one.pose, one.camera, centers_px, window.x_m[0])
+            assert len(numbers) > 3
+            for number, at_m in zip(numbers.tolist(), seen_m, strict=True):
+                points.setdefault((window.place, number), []).append(at_m)
+    assert max(map(len, points.values())) == 4
+    for at_m in points.values():
+        assert np.ptp(at_m, axis=0).max() < 1e-9
     # Where the encoder counts 2 mm as 1 mm, speeds and travels are still those of the carriage.
+    crop_near = _load(made, near, printed, settings)
     scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
+    window = Window(0, 0, 0, 10_000, (0.0, 0.002))
     one, two = (_row(crop, window, "flow", "m", "v", 0.0) for crop in (crop_near, scaled))
     assert (one.speed, two.speed) == (0.2, 0.4)
-    assert scaled.settings_of_encoder(RigEvaluation(travel_m=0.006)).travel_m == 0.003
+
+
+def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tmp_path):
+    """Promise: places on different pages are not compared; the text names both folders. Nor are
+    there more places than the print has room for."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    with pytest.raises(RigError, match=r"pebbles: found 9 places with a window of 6 mm on the 30"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=9))
+    with pytest.raises(RigError, match=r"expected less travel in a window"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
+    shutil.copytree(made, tmp_path / "others" / "near")
+    image = tmp_path / "others" / "near" / "page.png"
+    codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+    codes[codes.shape[0] // 2, codes.shape[1] // 2] ^= 255
+    cv2.imwrite(str(image), codes)
+    with pytest.raises(RigError, match=r"others/near: found another page with the picture pebbles"):
+        evaluate_rig([tmp_path / "crops", tmp_path / "others"], RigEvaluation(places=2))
+    still = Slider(np.array([0.0, 1e6]), np.array([0.01, 0.01]))
+    write_slider(made / "slider.csv", still)
+    with pytest.raises(RigError, match=r"slider.csv: slider: found the carriage at 0.01 m alone"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation())
 
 
 def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_solved, tmp_path):
@@ -415,7 +453,7 @@ def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_so
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     crop([recording], read_calibration(file), tmp_path / "crops")
-    options = {"windows": 3, "travel_m": 0.002, "flow": (), "video": ()}
+    options = {"places": 3, "travel_m": 0.002, "flow": (), "video": ()}
     method = "photometric_tracking_with_delay"
     rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
     assert {row.method for row in rows} == {method}
@@ -473,7 +511,7 @@ def test_rows_are_asked_for(recording, frames_solved, tmp_path):
     write_calibration(file, [frames_solved])
     crop([recording], read_calibration(file), tmp_path / "crops")
     with pytest.raises(RigError, match="found nothing to score"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(flow=(), video=(), tracking=()))
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2, flow=(), video=(), tracking=()))
 
 
 def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, tmp_path):
@@ -482,7 +520,7 @@ def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, t
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     crop([recording], read_calibration(file), tmp_path / "crops")
-    options = {"windows": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
+    options = {"places": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
     first, second = (
         evaluate_rig([tmp_path / "crops"], RigEvaluation(seed=k, **options)) for k in (0, 1)
     )
@@ -657,7 +695,7 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     )
     assert (crops / "near" / "crop.json").exists()
     out = tmp_path / "scores"
-    scored = ("rig", "evaluate", crops, "--out", out, "--tasks", "video", "--windows", 2)
+    scored = ("rig", "evaluate", crops, "--out", out, "--tasks", "video", "--places", 2)
     assert run(monkeypatch, *scored, "--cutoff", 90) == 0
     assert {row.cutoff_hz for row in read_rows(out / "rows.parquet")} == {90.0}
     assert run(monkeypatch, *scored) == 1
@@ -733,12 +771,12 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
     cropped = read_crop(out)
     (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
     with pytest.raises(RigError, match=r"crop.json: lens: found .*expected a pinhole for tracking"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation())
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2))
     events = load_events(out / "events.h5")
-    settings = RigEvaluation(windows=2, tracking=(), flow=(), video=("blank",))
+    settings = RigEvaluation(places=2, tracking=(), flow=(), video=("blank",))
     begins_us = int(events.t_us[len(events) // 4])
     for last_us, said in (
-        (begins_us + 50_000, "found no window of constant speed among 2 in 0.05 s"),
+        (begins_us + 50_000, "found no window of constant speed in 0.05 s at 2 places"),
         (begins_us, "found no events, expected some"),
     ):
         (out / "events.h5").unlink()

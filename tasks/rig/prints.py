@@ -1,0 +1,173 @@
+"""A print with the places and corners at which all of its crops are scored.
+
+At each speed, each distance is scored where the others are, so that differences between distances
+are of the same points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera
+from tasks.errors import RigError
+from tasks.flow import MARGIN_PX, REFERENCE_WIDTH_PX, corners
+from tasks.rig import page as page_files
+from tasks.rig import slider as slider_files
+from tasks.rig.calibration import on_page
+from tasks.rig.crop import Cropped
+from tasks.rig.page import Page, read_page_image, reflectance
+from tasks.rig.page_view import page_view
+from tasks.rig.places import Way
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Print:
+    """A print, and the places on it.
+
+    Parameters
+    ----------
+    page
+        The page.
+    light
+        (H, W) its reflectance.
+    nearest
+        The crop that resolves it best.
+    ways
+        How each crop passes it, by its folder.
+    way
+        That of the nearest crop.
+    travel_m
+        Travel in a window, m.
+    places_m
+        (K,) positions along the print of the middles of windows, m.
+    """
+
+    page: Page
+    light: Float64
+    nearest: Cropped
+    ways: Mapping[Path, Way]
+    way: Way
+    travel_m: float
+    places_m: Float64
+    _corners_m: dict[int, Float64] = field(init=False, default_factory=dict)
+
+    def corners_m(self, place: int) -> Float64:
+        """Return corners of the picture, (N, 2) m on the page, the strongest first.
+
+        They are in the nearest crop throughout a window at the place.
+        """
+        if place not in self._corners_m:
+            camera, pose = self.nearest.camera(), self.nearest.pose.pose()
+            x_m = float(self.way.slider_m(self.places_m[place]))
+            view = page_view(camera, pose, x_m, self.page, self.light)
+            found_px = corners(view, MARGIN_PX * camera.width / REFERENCE_WIDTH_PX)
+            points_m = on_page(pose, camera, found_px, x_m)
+            left, top, right, bottom = self.page.picture_m
+            x, y = points_m.T
+            kept = (x > left) & (x < right) & (y > top) & (y < bottom)
+            for side in (-1, 1):
+                at_m = x_m + side * 0.5 * self.travel_m / pose.scale
+                kept &= are_inside(camera, pose.project(camera, points_m, at_m))
+            self._corners_m[place] = points_m[kept]
+        return self._corners_m[place]
+
+
+def are_inside(camera: Camera, points_px: Float64) -> NDArray[np.bool_]:
+    """Return which points are in a camera's image.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    points_px
+        (..., 2) px.
+
+    Returns
+    -------
+    (...) bool.
+    """
+    size = camera.width, camera.height
+    return np.asarray(np.all((points_px > 0) & (points_px < size), axis=-1))
+
+
+def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> dict[str, Print]:
+    """Return the print of each picture.
+
+    Parameters
+    ----------
+    crops
+        The crops, by their folders.
+    places
+        Number of places, evenly spaced over the part of the print that all its crops pass.
+    travel_m
+        Travel in a window, m.
+
+    Returns
+    -------
+    prints
+        By the name of the picture, in the order of the crops.
+
+    Raises
+    ------
+    RigError
+        If crops of one picture show different pages, a carriage does not move, or windows at so
+        many places would overlap.
+    """
+    scenes: dict[str, dict[Path, Cropped]] = {}
+    for folder, cropped in crops.items():
+        scenes.setdefault(cropped.scene, {})[folder] = cropped
+    return {scene: _print_of(scene, of, places, travel_m) for scene, of in scenes.items()}
+
+
+def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: float) -> Print:
+    folder = max(crops, key=lambda one: crops[one].width)  # of the field that all of them show
+    page, codes = _page_of(folder)
+    for other in crops:
+        other_page, other_codes = _page_of(other)
+        if other_page != page or not np.array_equal(other_codes, codes):
+            raise RigError(
+                f"{other}: found another page with the picture {scene} than in {folder}, expected "
+                "the same; evaluate different prints one by one, into folders of their own"
+            )
+    direction = crops[folder].pose.pose().direction[:2]
+    along = direction / np.linalg.norm(direction)
+    ways = {one: _way_of(one, cropped, along) for one, cropped in crops.items()}
+    places_m = _evenly(scene, ways, places, travel_m)
+    light = reflectance(codes)
+    return Print(page, light, crops[folder], ways, ways[folder], travel_m, places_m)
+
+
+def _page_of(folder: Path) -> tuple[Page, NDArray[np.uint8]]:
+    page = page_files.read_page(folder / page_files.FILE_NAME)
+    return page, read_page_image(folder / page_files.IMAGE_NAME, page)
+
+
+def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
+    file = folder / slider_files.FILE_NAME
+    slider = slider_files.read_slider(file)
+    try:
+        return Way.of(cropped, slider, along)
+    except RigError as error:
+        raise RigError(f"{file}: {error}") from None
+
+
+def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) -> Float64:
+    """Return positions evenly spaced over the part of a print that all crops pass, (K,) m."""
+    first_m = max(way.span_m[0] for way in ways.values())
+    last_m = min(way.span_m[1] for way in ways.values())
+    shared_m = max(0.0, last_m - first_m)
+    most = int(shared_m / travel_m + 1e-9)
+    if places > most:
+        raise RigError(
+            f"evaluate: {scene}: found {places} places with a window of {1e3 * travel_m:g} mm on "
+            f"the {1e3 * shared_m:.3g} mm that all recordings pass, expected "
+            + (f"at most {most} places" if most else "less travel in a window")
+        )
+    return np.asarray(first_m + (np.arange(places) + 0.5) / places * shared_m)
