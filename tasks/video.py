@@ -192,7 +192,7 @@ def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     image
         (H, W) float64 in [0, 1].
     tiles
-        Tiles per side.
+        Tiles per side; fewer in images in which they would have less than 2 px.
     levels
         Number of gray levels.
     clip
@@ -205,7 +205,7 @@ def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     (H, W) in [0, 1].
     """
     height, width = image.shape
-    tiles = min(tiles, height, width)  # no tile is empty
+    tiles = max(1, min(tiles, height // 2, width // 2))  # all ranks of a single pixel are the same
     rank = np.zeros((tiles, tiles, levels))
     for j in range(tiles):
         top, bottom = j * height // tiles, (j + 1) * height // tiles

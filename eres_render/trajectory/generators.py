@@ -13,6 +13,8 @@ from eres_render.trajectory.spline import Trajectory, TurnsTooFarError, path_thr
 
 Float64 = NDArray[np.float64]
 
+_MOST_POSES = 100_000  # of a path: hours at usual speeds
+
 
 def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
     """Return the pose that looks straight at a point on a plane, from its front, upright.
@@ -115,7 +117,8 @@ def random_path(
     Raises
     ------
     TrajectoryError
-        If a duration or the speed is not positive, or `sway` leaves the camera where it is.
+        If a duration or the speed is not positive, the path has more than 100,000 poses, or
+        `sway` leaves the camera where it is.
 
     Examples
     --------
@@ -136,6 +139,11 @@ def random_path(
     check_positive("duration_s", duration_s, TrajectoryError)
     check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
     check_positive("knot_interval_s", knot_interval_s, TrajectoryError)
+    if not duration_s / knot_interval_s <= _MOST_POSES:
+        raise TrajectoryError(
+            f"knot_interval_s: found {knot_interval_s:g} s in a path of {duration_s:g} s, expected "
+            f"at least {duration_s / _MOST_POSES:g} s: at most {_MOST_POSES} poses"
+        )
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
     offsets = rng.uniform(-1.0, 1.0, (n, 3)) * sway
@@ -192,8 +200,9 @@ def waypoint_loop(
     Raises
     ------
     TrajectoryError
-        If there are fewer than two waypoints, the duration or the speed is not positive,
-        consecutive poses coincide, or the camera turns too far between them.
+        If there are fewer than two waypoints, the duration or the speed is not positive, the path
+        passes more than 100,000 of them, consecutive poses coincide, or the camera turns too far
+        between them.
 
     Examples
     --------
@@ -225,6 +234,11 @@ def waypoint_loop(
     # One pose more than the chords need: the spline is never shorter than its chords, and its end
     # must not bend the part that is used.
     while len(poses) < 3 or chord_m[-2] < length_m:
+        if len(poses) > _MOST_POSES:
+            raise TrajectoryError(
+                f"duration_s: found {duration_s:g} s at {mean_speed_mps:g} m/s, expected at most "
+                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MOST_POSES} waypoints"
+            )
         T = waypoints[len(poses) % len(waypoints)].copy()
         offset, turn = rng.uniform(-1.0, 1.0, (2, 3))
         T[:3, 3] += T[:3, :3] @ (offset * sway_m)

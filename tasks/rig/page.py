@@ -35,6 +35,7 @@ PICTURES = {
 }
 
 _BORDER_CELLS = 1  # black cells around a marker's code
+_LONGEST_SIDE = 32_766  # dots, of images that OpenCV warps
 _WHITE = 0.25  # smallest white margin around a marker, as a fraction of its side
 
 
@@ -112,12 +113,18 @@ def lay_out(settings: PageSettings) -> Page:
     Raises
     ------
     RigError
-        If there is room for no marker, or for more markers than the dictionary has.
+        If there is room for no marker, or for more markers than the dictionary has, or the page has
+        more dots than OpenCV's images.
     """
     dictionary = markers(settings.dictionary)
     dot_m = INCH_M / settings.dpi
     cells = dictionary.markerSize + 2 * _BORDER_CELLS
     width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
+    if max(width, height) > _LONGEST_SIDE:
+        raise RigError(
+            f"page: found {width}x{height} dots, expected at most {_LONGEST_SIDE} a side; choose a "
+            "lower dpi or a smaller page"
+        )
     side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
     pitch = max(_dots(settings.marker_pitch_m, dot_m), round((1 + _WHITE) * side))
     picture_w, picture_h = (

@@ -21,7 +21,7 @@ from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import _ends_of_chords, check_clearance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
-from eres_render.trajectory import spline
+from eres_render.trajectory import generators, spline
 from eres_render.trajectory.frame_times import depth_image_motion, plane_image_motion
 from eres_render.trajectory.generators import look_at
 from light_scenes import (
@@ -106,6 +106,15 @@ def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
     assert abs(first - second)[:, :3, 3].max() > 0.01
     np.testing.assert_array_equal(loop().controls, loop().controls)
     assert not np.allclose(loop().controls, loop(seed=2).controls)
+
+
+def test_a_loop_has_an_end(monkeypatch):
+    """Promise: an absurd duration is refused with the longest, before memory is full."""
+    monkeypatch.setattr(generators, "_MOST_POSES", 1000)
+    with pytest.raises(
+        TrajectoryError, match=r"duration_s: found 1e\+09 s at 1e\+09 m/s, expected"
+    ):
+        loop(duration_s=1e9, mean_speed_mps=1e9)
 
 
 def test_waypoints_at_one_place_are_refused():

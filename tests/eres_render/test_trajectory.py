@@ -41,6 +41,13 @@ def test_home_looks_down_with_the_image_upright():
     np.testing.assert_allclose(HOME[:3, 3], [0, 0, 1.8])
 
 
+@pytest.mark.parametrize("changes", [{"duration_s": 1e300}, {"knot_interval_s": 1e-12}])
+def test_a_random_path_has_an_end(changes):
+    """Promise: what no memory holds is refused, with the shortest knot interval."""
+    with pytest.raises(TrajectoryError, match=r"knot_interval_s: found .* s, expected at least"):
+        a_path(**changes)
+
+
 def test_a_path_has_its_own_poses():
     """Promise: an array that is changed later changes no path, whose own cannot be changed."""
     controls = np.tile(np.eye(4), (5, 1, 1))

@@ -215,6 +215,15 @@ def _shift(x_px):
     return np.array([[1.0, 0.0, -x_px], [0.0, 1.0, -5.0]])
 
 
+@pytest.mark.parametrize("side", [2, 3, 8, 15])
+def test_small_images_are_not_all_alike(side):
+    """Promise: an image and its negative differ, though tiles of one pixel would be the same."""
+    rng = np.random.default_rng(side)
+    image = rng.uniform(-1.0, 0.0, (side, side))
+    both = [picture(sign * image, image.shape) for sign in (1, -1)]
+    assert psnr_db(*both) < 15
+
+
 def test_yardsticks_of_equalized_images():
     """Physics: even histograms differ by 1/6 in the mean square, and by 1/12 from mid-gray."""
     truth, other = (picture(smooth_noise(k), (160, 160), "global") for k in (1, 2))
