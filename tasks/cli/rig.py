@@ -405,12 +405,13 @@ def evaluate(
     from tasks.events.overwriting import check_new
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
-    from tasks.study.run.recorded import write_recorded
+    from tasks.study.run.recorded import check_recorded, write_recorded
 
     if not crops:
         raise UsageError("evaluate: found no folder, expected those of `eres rig crop`")
     file = out / "rows.parquet"
     check_new(file, overwrite)
+    check_recorded(out)
     settings = RigEvaluation(
         places=places,
         travel_m=travel,

@@ -8,7 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.storage.atomic import write_text
+from tasks.errors import StudyError
 from tasks.provenance import command, environment
+
+
+def check_recorded(out: Path) -> None:
+    """Refuse the folder of a rendered study, whose parts are of no other.
+
+    Raises
+    ------
+    StudyError
+        Its study.json does not say what was recorded.
+    """
+    file = out / "study.json"
+    if not file.exists():
+        return
+    try:
+        recorded = "recorded" in json.loads(file.read_bytes())
+    except ValueError:
+        recorded = False
+    if not recorded:
+        raise StudyError(f"{file}: found that of a rendered study, expected another --out")
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:

@@ -116,6 +116,18 @@ def test_results_never_replace_what_was_recorded(eres, tmp_path, command, name):
     assert (tmp_path / name).read_bytes() == b"recorded"
 
 
+@pytest.mark.parametrize("text", ['{"name": "quick"}', "{"])
+def test_scores_are_not_put_into_the_run_of_a_study(eres, tmp_path, text):
+    """Promise: a study that is not finished, or is damaged, keeps its study.json."""
+    (tmp_path / "study.json").write_text(text)
+    code, _, err = eres("rig", "evaluate", tmp_path / "crops", "--out", tmp_path, "--overwrite")
+    assert (code, "study.json: found that of a rendered study" in " ".join(err.split())) == (
+        1,
+        True,
+    )
+    assert (tmp_path / "study.json").read_text() == text
+
+
 def test_a_page_is_printed_with_its_markers(eres, tmp_path):
     """Promise: the file to print, its image and its markers; nothing is replaced unless told."""
     (tmp_path / "rig.toml").write_text(PAGE)
