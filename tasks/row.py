@@ -60,7 +60,7 @@ class Row:
     item: int = 0  # feature or trial within the sample
     failure: str = ""  # reason of a failure, whose value is that of its start, or where it ended
     photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; arbitrary for ideal pixels
-    sensor: str = ""  # name of the sensor; "" is a square with the study's pixels
+    sensor: str = ""  # name of the sensor; "" for one of the study's widths
     illuminance_lux: float = 0.0  # light on the scene; 0 if the light is given as a cutoff
     speed_m_s: float = 0.0  # mean speed of the camera; 0 if it is given as a factor
     bus_mev_s: float = math.inf  # capacity of the bus, million events per second; inf = no bus

@@ -13,7 +13,7 @@ from eres_render.trajectory.spline import Trajectory, TurnsTooFarError, path_thr
 
 Float64 = NDArray[np.float64]
 
-_MOST_POSES = 100_000  # of a path: hours at usual speeds
+_MOST_SEGMENTS = 100_000  # of a path: hours at usual speeds
 
 
 def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
@@ -117,7 +117,7 @@ def random_path(
     Raises
     ------
     TrajectoryError
-        If a duration or the speed is not positive, the path has more than 100,000 poses, or
+        If a duration or the speed is not positive, the path has more than 100,000 segments, or
         `sway` leaves the camera where it is.
 
     Examples
@@ -139,10 +139,10 @@ def random_path(
     check_positive("duration_s", duration_s, TrajectoryError)
     check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
     check_positive("knot_interval_s", knot_interval_s, TrajectoryError)
-    if not duration_s / knot_interval_s <= _MOST_POSES:
+    if not duration_s / knot_interval_s <= _MOST_SEGMENTS:
         raise TrajectoryError(
             f"knot_interval_s: found {knot_interval_s:g} s in a path of {duration_s:g} s, expected "
-            f"at least {duration_s / _MOST_POSES:g} s: at most {_MOST_POSES} poses"
+            f"at least {1.01 * duration_s / _MOST_SEGMENTS:.3g} s: {_MOST_SEGMENTS} segments"
         )
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
@@ -234,10 +234,10 @@ def waypoint_loop(
     # One pose more than the chords need: the spline is never shorter than its chords, and its end
     # must not bend the part that is used.
     while len(poses) < 3 or chord_m[-2] < length_m:
-        if len(poses) > _MOST_POSES:
+        if len(poses) > _MOST_SEGMENTS:
             raise TrajectoryError(
                 f"duration_s: found {duration_s:g} s at {mean_speed_mps:g} m/s, expected at most "
-                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MOST_POSES} waypoints"
+                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MOST_SEGMENTS} waypoints"
             )
         T = waypoints[len(poses) % len(waypoints)].copy()
         offset, turn = rng.uniform(-1.0, 1.0, (2, 3))

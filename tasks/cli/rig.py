@@ -439,4 +439,12 @@ def evaluate(
     for cells, values in sorted(groups.items()):
         table.add_row(*cells, f"{median(values):.3g}")
     terminal.out.print(table, crop=False)
+    for scene in dict.fromkeys(row.scene for row in rows):
+        of_task: dict[str, set[int]] = {}
+        for row in rows:
+            if row.scene == scene:
+                of_task.setdefault(row.task, set()).add(row.sample)
+        kept = min(map(len, of_task.values()))
+        hint = "" if kept >= 6 else "; intervals need 6, so give more --places or longer strokes"
+        terminal.out.print(f"{scene}: {kept} of {places} places at each speed{hint}")
     terminal.out.print(f"{file}: {len(rows)} rows", soft_wrap=True)

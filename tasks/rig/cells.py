@@ -7,7 +7,8 @@ and takes differences between widths of the same ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import logging
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -16,6 +17,9 @@ import numpy as np
 from tasks.errors import RigError
 from tasks.row import Row
 
+_log = logging.getLogger(__name__)
+
+_PLACES_OF_AN_INTERVAL = 6
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
 _Light = tuple[float, float]  # cutoff and contrast threshold
@@ -41,41 +45,53 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     -------
     rows
         `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
-        `speed_m_s` equals `speed`. For each picture, task and light, only speeds that every width
-        has are kept. At each speed, every width has the same places and, there, the same items:
-        those that all have. All speeds have as many places, evenly spread, and places as many
-        items, the first ones: so many that most scores are kept. Samples, one for each place, are
-        numbered from 0 in each light at each speed and width, and so are items at each place.
+        `speed_m_s` equals `speed`. For each picture, task and light, only speeds are kept that
+        every width in this light has. At each speed, every width has the same places and, there,
+        the same items: those that all have. All speeds have as many places, evenly spread, and
+        places as many items, the first ones: so many that most scores are kept, at 6 places if
+        possible, which an interval needs. Samples, one for each place, are numbered from 0 in each
+        light at each speed and width, and so are items at each place.
 
     Raises
     ------
     RigError
-        If the recordings of a picture have no speed with a place in common.
+        If no picture and task has a speed with a place that all widths have. Those that have none
+        are left out with a warning.
     """
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    visits: dict[tuple[str, str, _Light], dict[_Cell, dict[int, dict[_Visit, _Place]]]] = {}
+    visits: dict[tuple[str, _Light, str], dict[_Cell, dict[int, dict[_Visit, _Place]]]] = {}
     for recording, rows in enumerate(recordings):
         for row in rows:
             width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
             light = row.cutoff_hz, row.contrast_threshold
             visit, k = divmod(row.item, per_visit.get(row.task, 1))
-            cells = visits.setdefault((row.scene, row.task, light), {})
+            cells = visits.setdefault((row.scene, light, row.task), {})
             places = cells.setdefault((width, speed), {}).setdefault(row.sample, {})
             moved = replace(row, width=width, speed=speed, speed_m_s=speed)
             places.setdefault((recording, visit), {}).setdefault(k, []).append(moved)
-    return [
-        row
-        for (scene, task, _), cells in visits.items()
-        for row in _equal(
-            scene,
-            {
-                cell: {place: _items(of, per_visit.get(task, 1)) for place, of in places.items()}
-                for cell, places in cells.items()
-            },
+    of_light: dict[tuple[str, _Light], set[int]] = {}
+    for (scene, light, _), cells in visits.items():
+        of_light.setdefault((scene, light), set()).update(width for width, _ in cells)
+    kept: list[Row] = []
+    for (scene, light, task), cells in visits.items():
+        items = {
+            cell: {place: _items(of, per_visit.get(task, 1)) for place, of in places.items()}
+            for cell, places in cells.items()
+        }
+        rows = _equal(items, of_light[scene, light])
+        if not rows:
+            named = " and ".join(f"{width} px" for width in sorted(of_light[scene, light]))
+            lacking = f"{task} of {scene}: found no speed at which crops of {named} share a place"
+            _log.warning("%s; left out", lacking)
+        kept += rows
+    if every and not kept:
+        raise RigError(
+            f"evaluate: {lacking}, expected one; record the same speeds from each distance, or "
+            "give more places"
         )
-    ]
+    return kept
 
 
 def _items(visits: dict[_Visit, _Place], per_visit: int) -> _Place:
@@ -101,22 +117,15 @@ def _groups(values: Iterable[float]) -> dict[float, float]:
     return {value: median(group) for group in groups for value in group}
 
 
-def _equal(scene: str, cells: dict[_Cell, dict[int, _Place]]) -> list[Row]:
+def _equal(cells: dict[_Cell, dict[int, _Place]], widths: Collection[int]) -> list[Row]:
     """Return the rows of a task on a picture, reduced to what every width has."""
-    widths = sorted({width for width, _ in cells})
     shared = {
         speed: _shared([cells.get((width, speed), {}) for width in widths])
         for speed in sorted({speed for _, speed in cells})
     }
     sizes = sorted({len(items) for places in shared.values() for items in places.values()})
     kept = max((_full(shared, n) for n in sizes), key=_worth, default={})
-    if not kept:
-        named = " and ".join(f"{width} px" for width in widths)
-        raise RigError(
-            f"evaluate: {scene}: found no speed at which the crops of {named} have a place in "
-            "common, expected one; record the same speeds from each distance, or give more places"
-        )
-    count = min(map(len, kept.values()))
+    count = min(map(len, kept.values()), default=0)
     rows = []
     for (_, speed), places in cells.items():
         numbers = [*kept.get(speed, {})]
@@ -146,7 +155,8 @@ def _full(shared: dict[float, _Shared], n: int) -> dict[float, _Shared]:
     return {speed: places for speed, places in full.items() if places}
 
 
-def _worth(kept: dict[float, _Shared]) -> tuple[int, int]:
-    """Return the number of speeds, then the least number of items at one."""
-    counts = [sum(map(len, places.values())) for places in kept.values()]
-    return len(kept), min(counts, default=0)
+def _worth(kept: dict[float, _Shared]) -> tuple[int, bool, int]:
+    """Return the number of speeds, whether they have intervals, and the least items at one."""
+    places = min(map(len, kept.values()), default=0)
+    items = min((sum(map(len, one.values())) for one in kept.values()), default=0)
+    return len(kept), places >= _PLACES_OF_AN_INTERVAL, items

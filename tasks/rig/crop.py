@@ -24,7 +24,7 @@ from eres_render.storage.atomic import make_folder, write_text
 from eres_render.storage.settings_reader import read_json
 from eres_render.trajectory.tum import tum_text
 from sensor import Events
-from sensor.formats import write_events
+from sensor.formats import read_events, write_events
 from tasks.errors import RigError
 from tasks.events.overwriting import check_new
 from tasks.rig import page as page_files
@@ -352,3 +352,18 @@ def read_crop(folder: Path) -> Cropped:
         If it is missing, or a field is wrong.
     """
     return read_json(Cropped, folder / FILE_NAME, RigError)
+
+
+def span_of_events(folder: Path) -> tuple[int, int]:
+    """Return the times of the first and the last event of a crop, us.
+
+    Raises
+    ------
+    RigError
+        If there are no events.
+    """
+    file = folder / EVENTS_NAME
+    ends = [int(part.t_us[k]) for part in read_events(file) if len(part) for k in (0, -1)]
+    if not ends:
+        raise RigError(f"{file}: found no events, expected some")
+    return ends[0], ends[-1]

@@ -149,7 +149,8 @@ def evaluate_rig(
     """
     if not folders:
         raise RigError("crops: found no folder, expected those of `eres rig crop`")
-    crops = {one: read_crop(one) for folder in folders for one in crops_in(folder)}
+    found_in = {one.resolve(): one for folder in folders for one in crops_in(folder)}
+    crops = {one: read_crop(one) for one in found_in.values()}  # each once
     prints = prints_of(crops, settings.places, settings.travel_m)
     found: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
@@ -212,15 +213,12 @@ def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluatio
 
 def _windows(crop: _Crop, travel_m: float) -> list[Window]:
     """Return windows of constant speed at the places of the print, in the order of their starts."""
-    events = crop.events
-    if not len(events):
-        raise RigError(f"{EVENTS_NAME}: found no events, expected some")
-    first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])
-    found = crop.way.windows(crop.printed.places_m, travel_m, first_us, last_us)
+    found = crop.way.windows(crop.printed.places_m, travel_m)
     if not found:
+        seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
         raise RigError(
-            f"{EVENTS_NAME}: found no window of constant speed in {1e-6 * (last_us - first_us):.3g}"
-            f" s at {len(crop.printed.places_m)} places, expected some of {1e3 * travel_m:g} mm of "
+            f"{EVENTS_NAME}: found no window of constant speed in {seconds:.3g} s at "
+            f"{len(crop.printed.places_m)} places, expected some of {1e3 * travel_m:g} mm of "
             "travel; give more places, or less travel"
         )
     return found
@@ -272,7 +270,7 @@ def _features(crop: _Crop, window: Window, count: int) -> tuple[NDArray[np.intp]
     crop, window
         The crop, and the window.
     count
-        Number of corners of the print, before those are left out that do not stay in this crop.
+        Number of corners of the print, including those that leave this crop.
 
     Returns
     -------
@@ -291,7 +289,7 @@ def _flow_rows(crop: _Crop, window: Window, settings: RigEvaluation) -> Iterator
     width = crop.camera.width
     numbers, centers_px, flow_px = _features(crop, window, settings.features)
     sigma_px = initial_sigma_px(width, settings.initial_sigma_px)
-    rng = np.random.default_rng([settings.seed, window.place, window.visit])
+    rng = np.random.default_rng([settings.seed, window.place, window.back])
     initial_px = flow_px + sigma_px * rng.standard_normal((settings.features, 2))[numbers]
     log_image = _log_view(crop, window.x_m[0])
     sides = {patch_px(width): [""]}
@@ -344,7 +342,7 @@ def _tracking_rows(crop: _Crop, window: Window, settings: RigEvaluation) -> Iter
         camera=crop.camera,
         plane=PLANE,
         T_0=pose(np.zeros(1))[0],
-        initial=perturbed(truth, sigma_m, [settings.seed, window.place, window.visit]),
+        initial=perturbed(truth, sigma_m, [settings.seed, window.place, window.back]),
         initial_sigma_m=sigma_m,
         max_events=200_000,
         max_delay_us=delay_us,

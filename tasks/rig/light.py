@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.formats import read_events
 from tasks.errors import RigError
 from tasks.footage import Footage
 from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
-from tasks.rig.crop import EVENTS_NAME, read_crop
+from tasks.rig.crop import read_crop, span_of_events
 from tasks.rig.page import read_page_image, reflectance
 from tasks.rig.page_view import page_views
 
@@ -48,14 +47,11 @@ def light_of_crop(folder: Path) -> Footage:
     slider = slider_files.read_slider(folder / slider_files.FILE_NAME)
     page = page_files.read_page(folder / page_files.FILE_NAME)
     light = reflectance(read_page_image(folder / page_files.IMAGE_NAME, page))
-    ends = [int(part.t_us[k]) for part in read_events(folder / EVENTS_NAME) if len(part)
-            for k in (0, -1)]  # fmt: skip
-    if not ends:
-        raise RigError(f"{folder / EVENTS_NAME}: found no events")
-    t_us = np.arange(max(ends[0], slider.t_us[0]), min(ends[-1], slider.t_us[-1]), _STEP_US)
+    first_us, last_us = span_of_events(folder)
+    t_us = np.arange(max(first_us, slider.t_us[0]), min(last_us, slider.t_us[-1]), _STEP_US)
     if len(t_us) < 2:
         raise RigError(
-            f"{folder}: found events from {ends[0]} to {ends[-1]} us and readings of the slider "
+            f"{folder}: found events from {first_us} to {last_us} us and readings of the slider "
             f"from {slider.t_us[0]:.0f} to {slider.t_us[-1]:.0f} us, expected both for "
             f"{_STEP_US:g} us"
         )
@@ -79,11 +75,11 @@ def light_of_crop(folder: Path) -> Footage:
         for x in positions_m.tolist():
             yield view(x).astype(np.float32)
 
-    first_us = int(chosen_us[0])
+    offset_us = int(chosen_us[0])
     return Footage(
         path=folder,
-        t_s=1e-6 * (chosen_us - first_us),
-        t_offset_us=first_us,
+        t_s=1e-6 * (chosen_us - offset_us),
+        t_offset_us=offset_us,
         height=camera.height,
         width=camera.width,
         encoding="linear",

@@ -119,12 +119,13 @@ def lay_out(settings: PageSettings) -> Page:
     dictionary = markers(settings.dictionary)
     dot_m = INCH_M / settings.dpi
     cells = dictionary.markerSize + 2 * _BORDER_CELLS
-    width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
-    if max(width, height) > _LONGEST_SIDE:
+    longest = max(settings.width_m, settings.height_m) / dot_m
+    if not longest <= _LONGEST_SIDE:
         raise RigError(
-            f"page: found {width}x{height} dots, expected at most {_LONGEST_SIDE} a side; choose a "
+            f"page: found a side of {longest:.6g} dots, expected at most {_LONGEST_SIDE}; choose a "
             "lower dpi or a smaller page"
         )
+    width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
     side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
     pitch = max(_dots(settings.marker_pitch_m, dot_m), round((1 + _WHITE) * side))
     picture_w, picture_h = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +16,10 @@ from tasks.rig.slider import Slider
 
 Float64 = NDArray[np.float64]
 
-_EVEN = 1e-3  # largest deviation from constant speed within a window, as a fraction of the travel
+_EVEN = 1e-3  # largest deviation from constant speed in a window, as a fraction of the travel
+_EVEN_IN_STEPS = 5e-3  # the same where the encoder's steps are coarser
 _CHECKED = 5  # positions in a window
+_APART_M = 0.1  # two positions of the slider, between which the page is a straight line
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,11 @@ class Window:
     x_m: tuple[float, float]
 
     @property
+    def back(self) -> int:
+        """1 on the carriage's way back, and 0 on its way there."""
+        return self.visit % 2
+
+    @property
     def encoder_mps(self) -> float:
         """Speed by the encoder, whose scale `eres rig solve --scale` finds."""
         return 1e6 * abs(self.x_m[1] - self.x_m[0]) / (self.end_us - self.start_us)
@@ -56,19 +63,46 @@ class Way:
     ----------
     slider
         The readings.
+    first_us, last_us
+        Start and end of the events.
     scale
         Meters of travel per meter of the encoder.
     begin_m, slope
         Position along the print at the slider's 0, m, and change with that of the slider.
+
+    Raises
+    ------
+    RigError
+        If there are no readings during the events, or the carriage does not move then.
     """
 
     slider: Slider
+    first_us: int
+    last_us: int
     scale: float
     begin_m: float
     slope: float
+    _reached_m: tuple[float, float] = field(init=False)  # lowest and highest reading
+
+    def __post_init__(self) -> None:
+        t_us, x_m = self.slider.t_us, self.slider.x_m
+        first_us = max(self.first_us, math.ceil(t_us[0]))
+        last_us = min(self.last_us, math.floor(t_us[-1]))
+        if first_us >= last_us:
+            raise RigError(
+                f"slider: found readings from {t_us[0]:.0f} to {t_us[-1]:.0f} us and events from "
+                f"{self.first_us} to {self.last_us} us, expected both at the same time"
+            )
+        inside = x_m[(t_us >= first_us) & (t_us <= last_us)]
+        x = [*self.slider.position_m([first_us, last_us]).tolist(), *inside.tolist()]
+        if min(x) == max(x):
+            raise RigError(f"slider: found the carriage at {x[0]:g} m alone, expected motion")
+        object.__setattr__(self, "first_us", first_us)
+        object.__setattr__(self, "last_us", last_us)
+        object.__setattr__(self, "_reached_m", (min(x), max(x)))
 
     @classmethod
-    def of(cls, cropped: Cropped, slider: Slider, along: Float64) -> Way:
+    def of(cls, cropped: Cropped, slider: Slider, span_us: tuple[int, int], along: Float64) -> Way:
         """Return the way of a crop.
 
         Parameters
@@ -77,6 +111,8 @@ class Way:
             The crop.
         slider
             Its readings.
+        span_us
+            Start and end of its events.
         along
             (2,) unit vector of the travel on the page.
 
@@ -88,29 +124,24 @@ class Way:
         Raises
         ------
         RigError
-            If the carriage does not move.
+            If there are no readings during the events, or the carriage does not move then.
         """
         pose, middle_px = cropped.pose.pose(), 0.5 * np.array([[cropped.width, cropped.height]])
-        ends = np.array([slider.x_m.min(), slider.x_m.max()])
-        if ends[0] == ends[1]:
-            raise RigError(f"slider: found the carriage at {ends[0]:g} m alone, expected motion")
-        at = [on_page(pose, cropped.camera(), middle_px, x)[0] @ along for x in ends.tolist()]
-        slope = (at[1] - at[0]) / (ends[1] - ends[0])
-        return cls(slider, pose.scale, float(at[0] - slope * ends[0]), float(slope))
+        at = [on_page(pose, cropped.camera(), middle_px, x)[0] @ along for x in (0.0, _APART_M)]
+        slope = float(at[1] - at[0]) / _APART_M
+        return cls(slider, *span_us, pose.scale, float(at[0]), slope)
 
     @property
     def span_m(self) -> tuple[float, float]:
-        """First and last position along the print, m."""
-        ends = self.begin_m + self.slope * np.array([self.slider.x_m.min(), self.slider.x_m.max()])
-        return float(ends.min()), float(ends.max())
+        """First and last position along the print during the events, m."""
+        ends = [self.begin_m + self.slope * x for x in self._reached_m]
+        return min(ends), max(ends)
 
     def slider_m(self, position_m: ArrayLike) -> Float64:
         """Return the slider's positions, m, at positions along the print, m."""
         return np.asarray((np.asarray(position_m) - self.begin_m) / self.slope)
 
-    def windows(
-        self, places_m: Float64, travel_m: float, first_us: int, last_us: int
-    ) -> list[Window]:
+    def windows(self, places_m: Float64, travel_m: float) -> list[Window]:
         """Return the windows of constant speed, in the order of their starts.
 
         Parameters
@@ -119,17 +150,16 @@ class Way:
             (K,) positions along the print, m.
         travel_m
             Travel in a window, m; a place is in its middle.
-        first_us, last_us
-            Start and end of the events.
 
         Returns
         -------
         windows
-            One for each time that the carriage passes a place.
+            One for each time that the carriage passes a place during the events.
         """
-        first_us = max(first_us, math.ceil(self.slider.t_us[0]))
-        last_us = min(last_us, math.floor(self.slider.t_us[-1]))
         half_m = 0.5 * travel_m / self.scale
+        moves_m = np.abs(np.diff(self.slider.x_m))
+        step = float(moves_m[moves_m > 0].min()) / (2 * half_m)
+        uneven_m = 2 * half_m * min(max(step, _EVEN), _EVEN_IN_STEPS)
         found: list[Window] = []
         for place, middle_m in enumerate(self.slider_m(places_m).tolist()):
             passed: Counter[bool] = Counter()
@@ -138,11 +168,10 @@ class Way:
                 back = rises != (self.slope > 0)
                 visit = 2 * passed[back] + back
                 passed[back] += 1
-                if not first_us <= start_us < end_us <= last_us:
+                if not self.first_us <= start_us < end_us <= self.last_us:
                     continue
                 x = self.slider.position_m(np.linspace(start_us, end_us, _CHECKED))
-                even = np.linspace(x[0], x[-1], _CHECKED)
-                if np.max(np.abs(x - even)) < _EVEN * abs(x[-1] - x[0]):
+                if np.max(np.abs(x - np.linspace(x[0], x[-1], _CHECKED))) < uneven_m:
                     at = float(x[0]), float(x[-1])
                     found.append(Window(place, visit, start_us, end_us, at))
         return sorted(found, key=lambda one: one.start_us)

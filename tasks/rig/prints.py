@@ -19,12 +19,14 @@ from tasks.flow import MARGIN_PX, REFERENCE_WIDTH_PX, corners
 from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
-from tasks.rig.crop import Cropped
+from tasks.rig.crop import Cropped, span_of_events
 from tasks.rig.page import Page, read_page_image, reflectance
 from tasks.rig.page_view import page_view
 from tasks.rig.places import Way
 
 Float64 = NDArray[np.float64]
+
+_SAME_FIELD = 1.1  # ratio of the widths of two fields, on the page
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,25 +63,26 @@ class Print:
     def corners_m(self, place: int) -> Float64:
         """Return corners of the picture, (N, 2) m on the page, the strongest first.
 
-        They are in the nearest crop throughout a window at the place.
+        They are in the nearest crop throughout a window at the place, with their patches.
         """
         if place not in self._corners_m:
             camera, pose = self.nearest.camera(), self.nearest.pose.pose()
+            margin_px = MARGIN_PX * camera.width / REFERENCE_WIDTH_PX
             x_m = float(self.way.slider_m(self.places_m[place]))
             view = page_view(camera, pose, x_m, self.page, self.light)
-            found_px = corners(view, MARGIN_PX * camera.width / REFERENCE_WIDTH_PX)
+            found_px = corners(view, margin_px)
             points_m = on_page(pose, camera, found_px, x_m)
             left, top, right, bottom = self.page.picture_m
             x, y = points_m.T
             kept = (x > left) & (x < right) & (y > top) & (y < bottom)
             for side in (-1, 1):
                 at_m = x_m + side * 0.5 * self.travel_m / pose.scale
-                kept &= are_inside(camera, pose.project(camera, points_m, at_m))
+                kept &= are_inside(camera, pose.project(camera, points_m, at_m), margin_px)
             self._corners_m[place] = points_m[kept]
         return self._corners_m[place]
 
 
-def are_inside(camera: Camera, points_px: Float64) -> NDArray[np.bool_]:
+def are_inside(camera: Camera, points_px: Float64, margin_px: float = 0.0) -> NDArray[np.bool_]:
     """Return which points are in a camera's image.
 
     Parameters
@@ -88,13 +91,16 @@ def are_inside(camera: Camera, points_px: Float64) -> NDArray[np.bool_]:
         The camera.
     points_px
         (..., 2) px.
+    margin_px
+        Least distance from the sides, px.
 
     Returns
     -------
     (...) bool.
     """
-    size = camera.width, camera.height
-    return np.asarray(np.all((points_px > 0) & (points_px < size), axis=-1))
+    size = np.array([camera.width, camera.height])
+    inside = (points_px > margin_px) & (points_px < size - margin_px)
+    return np.asarray(np.all(inside, axis=-1))
 
 
 def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> dict[str, Print]:
@@ -117,8 +123,8 @@ def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> di
     Raises
     ------
     RigError
-        If crops of one picture show different pages, a carriage does not move, or windows at so
-        many places would overlap.
+        If crops of one picture show different pages or fields, a carriage does not move during the
+        events, or windows at so many places would overlap.
     """
     scenes: dict[str, dict[Path, Cropped]] = {}
     for folder, cropped in crops.items():
@@ -129,12 +135,19 @@ def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> di
 def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: float) -> Print:
     folder = max(crops, key=lambda one: crops[one].width)  # of the field that all of them show
     page, codes = _page_of(folder)
-    for other in crops:
+    field_m = _field_m(crops[folder])
+    for other, cropped in crops.items():
         other_page, other_codes = _page_of(other)
         if other_page != page or not np.array_equal(other_codes, codes):
             raise RigError(
                 f"{other}: found another page with the picture {scene} than in {folder}, expected "
                 "the same; evaluate different prints one by one, into folders of their own"
+            )
+        if not 1 / _SAME_FIELD < _field_m(cropped) / field_m < _SAME_FIELD:
+            raise RigError(
+                f"{other}: found a field of {1e3 * _field_m(cropped):.3g} mm, and one of "
+                f"{1e3 * field_m:.3g} mm in {folder}, expected the same; crop all recordings of a "
+                "print with one `eres rig crop`"
             )
     direction = crops[folder].pose.pose().direction[:2]
     along = direction / np.linalg.norm(direction)
@@ -142,6 +155,14 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
     places_m = _evenly(scene, ways, places, travel_m)
     light = reflectance(codes)
     return Print(page, light, crops[folder], ways, ways[folder], travel_m, places_m)
+
+
+def _field_m(cropped: Cropped) -> float:
+    """Return the width of the part of the page in the middle row of a crop, m."""
+    middle = 0.5 * cropped.height
+    ends_px = np.array([[0.0, middle], [cropped.width, middle]])
+    left, right = on_page(cropped.pose.pose(), cropped.camera(), ends_px, 0.0)
+    return float(np.linalg.norm(right - left))
 
 
 def _page_of(folder: Path) -> tuple[Page, NDArray[np.uint8]]:
@@ -153,21 +174,25 @@ def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
     file = folder / slider_files.FILE_NAME
     slider = slider_files.read_slider(file)
     try:
-        return Way.of(cropped, slider, along)
+        return Way.of(cropped, slider, span_of_events(folder), along)
     except RigError as error:
         raise RigError(f"{file}: {error}") from None
 
 
 def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) -> Float64:
     """Return positions evenly spaced over the part of a print that all crops pass, (K,) m."""
-    first_m = max(way.span_m[0] for way in ways.values())
-    last_m = min(way.span_m[1] for way in ways.values())
+    spans_m = {folder: way.span_m for folder, way in ways.items()}
+    first_m = max(first for first, _ in spans_m.values())
+    last_m = min(last for _, last in spans_m.values())
     shared_m = max(0.0, last_m - first_m)
-    most = int(shared_m / travel_m + 1e-9)
+    most = int(shared_m / travel_m * (1 - 1e-9))  # the first window begins after the first reading
     if places > most:
+        length_m = {folder: last - first for folder, (first, last) in spans_m.items()}
+        shortest = min(length_m, key=lambda one: length_m[one])
         raise RigError(
             f"evaluate: {scene}: found {places} places with a window of {1e3 * travel_m:g} mm on "
-            f"the {1e3 * shared_m:.3g} mm that all recordings pass, expected "
+            f"the {1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes "
+            f"{1e3 * length_m[shortest]:.3g} mm), expected "
             + (f"at most {most} places" if most else "less travel in a window")
         )
     return np.asarray(first_m + (np.arange(places) + 0.5) / places * shared_m)

@@ -76,7 +76,7 @@ class Render:
     def seen_px(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of the part of the frames that a sensor sees.
 
-        A sensor with their aspect ratio, to a pixel, sees all of them.
+        A sensor whose height is that of its width in their shape, rounded, sees all of them.
 
         Parameters
         ----------

@@ -13,22 +13,24 @@ from tasks.provenance import command, environment
 
 
 def check_recorded(out: Path) -> None:
-    """Refuse the folder of a rendered study, whose parts are of no other.
+    """Refuse to write into the folder of a rendered study.
 
     Raises
     ------
     StudyError
-        Its study.json does not say what was recorded.
+        It has a study.json that does not list recordings.
     """
     file = out / "study.json"
     if not file.exists():
         return
     try:
-        recorded = "recorded" in json.loads(file.read_bytes())
+        found = json.loads(file.read_bytes())
     except ValueError:
-        recorded = False
-    if not recorded:
-        raise StudyError(f"{file}: found that of a rendered study, expected another --out")
+        found = None
+    if not isinstance(found, dict) or "recorded" not in found:
+        raise StudyError(
+            f"{file}: found no list of recordings, as of a rendered study, expected another --out"
+        )
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:

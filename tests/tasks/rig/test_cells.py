@@ -82,8 +82,23 @@ def test_each_width_has_the_same_places_and_items():
     }
     alone = in_cells([recording(640, [0.2, 0.6]), recording(1190, [0.8, 0.6])])
     assert {row.speed for row in alone} == {0.6}
-    with pytest.raises(RigError, match="mine: found no speed at which the crops of 640 px and 119"):
+    with pytest.raises(RigError, match="of mine: found no speed at which crops of 640 px and 119"):
         in_cells([recording(640, [0.2]), recording(1190, [0.6])])
+
+
+def test_a_task_that_one_distance_lacks_is_left_out(caplog):
+    """Promise: with a warning, and the others keep their scores."""
+    far = [row for row in recording(640, [0.2] * 6) if row.task == "flow"]
+    rows = in_cells([far, recording(1190, [0.2] * 6)])
+    assert {row.task for row in rows} == {"flow"}
+    assert "tracking of mine: found no speed at which crops of 640 px and 1190 px" in caplog.text
+
+
+def test_six_places_are_worth_more_than_many_patches():
+    """Promise: an interval needs 6 places, so that none is given for patches of 4 others."""
+    rich, poor = recording(640, [0.2] * 4, items=9), recording(640, [0.2] * 9, items=2)
+    rows = in_cells([rich + [row for row in poor if row.sample > 3]])
+    assert keys(rows, "flow") == {(640, 0.2, k, i) for k in range(9) for i in range(2)}
 
 
 def test_speeds_have_as_many_places():

@@ -116,12 +116,12 @@ def test_results_never_replace_what_was_recorded(eres, tmp_path, command, name):
     assert (tmp_path / name).read_bytes() == b"recorded"
 
 
-@pytest.mark.parametrize("text", ['{"name": "quick"}', "{"])
+@pytest.mark.parametrize("text", ['{"name": "quick"}', "{", "5", '"recorded"'])
 def test_scores_are_not_put_into_the_run_of_a_study(eres, tmp_path, text):
     """Promise: a study that is not finished, or is damaged, keeps its study.json."""
     (tmp_path / "study.json").write_text(text)
     code, _, err = eres("rig", "evaluate", tmp_path / "crops", "--out", tmp_path, "--overwrite")
-    assert (code, "study.json: found that of a rendered study" in " ".join(err.split())) == (
+    assert (code, "study.json: found no list of recordings" in " ".join(err.split())) == (
         1,
         True,
     )

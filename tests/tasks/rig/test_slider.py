@@ -44,19 +44,17 @@ def test_images_are_evenly_spaced_along_the_way():
         slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
 
 
-def way_of(slider, scale=1.0, slope=1.0):
+def way_of(slider, first_us=0, last_us=10**12, *, scale=1.0, begin_m=0.0, slope=1.0):
     """Return the way of a crop whose middle is at the position of the slider."""
-    return Way(slider, scale, 0.0, slope)
+    return Way(slider, first_us, last_us, scale, begin_m, slope)
 
 
-def windows(slider, count, travel_m=0.006, until_us=None):
+def windows(slider, count, travel_m=0.006, until_us=10**12):
     """Return the windows at places evenly spaced along the readings."""
     way = way_of(slider)
     first_m, last_m = way.span_m
     places_m = first_m + (np.arange(count) + 0.5) / count * (last_m - first_m)
-    return way.windows(
-        places_m, travel_m, 0, int(slider.t_us[-1]) if until_us is None else until_us
-    )
+    return way_of(slider, 0, until_us).windows(places_m, travel_m)
 
 
 def test_no_window_is_in_a_pause():
@@ -90,7 +88,7 @@ def test_windows_there_and_back_are_at_the_same_places():
 def test_a_visit_keeps_its_number_though_others_have_no_events():
     """Promise: the second stroke there is visit 2 also if the events begin after the first."""
     slider = strokes(SETTINGS)
-    late = way_of(slider).windows(np.array([0.1]), 0.006, 1_500_000, int(slider.t_us[-1]))
+    late = way_of(slider, 1_500_000).windows(np.array([0.1]), 0.006)
     assert [window.visit for window in late] == [1, 2, 3]
 
 
@@ -98,9 +96,9 @@ def test_there_and_back_are_directions_on_the_print():
     """Promise: also where the slider counts the other way."""
     slider = strokes(SETTINGS)
     reversed_ = Slider(slider.t_us, 0.2 - slider.x_m)
-    one = way_of(slider).windows(np.array([0.05]), 0.006, 0, int(slider.t_us[-1]))
-    way = Way(reversed_, 1.0, 0.2, -1.0)
-    other = way.windows(np.array([0.05]), 0.006, 0, int(slider.t_us[-1]))
+    one = way_of(slider).windows(np.array([0.05]), 0.006)
+    way = way_of(reversed_, begin_m=0.2, slope=-1.0)
+    other = way.windows(np.array([0.05]), 0.006)
     assert way.span_m == pytest.approx((0.0, 0.2))
     assert [(w.visit, w.start_us) for w in one] == [(w.visit, w.start_us) for w in other]
 
@@ -108,7 +106,7 @@ def test_there_and_back_are_directions_on_the_print():
 def test_the_travel_is_that_of_the_carriage():
     """Promise: where the encoder counts 2 mm as 1 mm, a window of 6 mm is 3 mm of readings."""
     slider = strokes(SETTINGS)
-    found = way_of(slider, scale=2.0).windows(np.array([0.1]), 0.006, 0, int(slider.t_us[-1]))
+    found = way_of(slider, scale=2.0).windows(np.array([0.1]), 0.006)
     assert len(found) == 4
     for window in found:
         assert abs(window.x_m[1] - window.x_m[0]) == pytest.approx(0.003, abs=1e-6)
@@ -128,6 +126,30 @@ def test_windows_have_the_travel_though_the_encoder_has_steps(step_m, jitter):
     assert {window.visit for window in found} <= {0}
     for window in found:
         assert abs(window.x_m[1] - window.x_m[0]) == pytest.approx(0.006, abs=2 * step_m)
+
+
+@pytest.mark.parametrize("step_m", [8e-6, 12e-6, 20e-6])
+@pytest.mark.parametrize("speed", [0.2, 0.407, 0.6])
+def test_steps_of_the_encoder_cost_no_window(step_m, speed):
+    """Promise: constant speed is that to a step of the encoder, so that recordings of three
+    distances keep the same windows."""
+    t_us = np.arange(0.0, 0.2e6 / speed, 500.0)
+    for off_m in (0.0, 3e-6, 5e-6):
+        slider = Slider(t_us, np.round((1e-6 * speed * t_us + off_m) / step_m) * step_m)
+        assert len(windows(slider, 10)) == 10
+
+
+def test_places_are_where_there_are_events():
+    """Promise: a carriage that is parked far away after the recording moves no place there."""
+    slider = strokes(SETTINGS)
+    parked = Slider(
+        np.append(slider.t_us, slider.t_us[-1] + 1e6 * np.arange(1, 4)),
+        np.append(slider.x_m, [0.1, 0.3, 0.5]),
+    )
+    assert way_of(parked, 0, int(slider.t_us[-1])).span_m == pytest.approx((0.0, 0.2))
+    assert way_of(parked).span_m == pytest.approx((0.0, 0.5))
+    with pytest.raises(RigError, match=r"events from -200 to -100 us, expected both at the same"):
+        way_of(parked, -200, -100)
 
 
 def test_a_window_has_one_speed_from_its_start_to_its_end():
