@@ -405,6 +405,7 @@ def evaluate(
     from tasks.events.overwriting import check_new
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
+    from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
     from tasks.study.run.recorded import check_recorded, write_recorded
 
     if not crops:
@@ -445,6 +446,8 @@ def evaluate(
             if row.scene == scene:
                 of_task.setdefault(row.task, set()).add(row.sample)
         kept = min(map(len, of_task.values()))
-        hint = "" if kept >= 6 else "; intervals need 6, so give more --places or longer strokes"
-        terminal.out.print(f"{scene}: {kept} of {places} places at each speed{hint}")
+        needed = MIN_SAMPLES_FOR_INTERVAL
+        hint = f"; intervals need {needed}, so give more --places or longer strokes"
+        few = hint if kept < needed else ""
+        terminal.out.print(f"{scene}: {kept} of {places} places at each speed{few}")
     terminal.out.print(f"{file}: {len(rows)} rows", soft_wrap=True)

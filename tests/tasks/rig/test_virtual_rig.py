@@ -453,6 +453,13 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
         RigError, match=r"pebbles: found 9 places with a window of 6 mm on the 30 mm"
     ):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=9))
+    (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
+    off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
+    nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
+    with pytest.raises(
+        RigError, match=r"events.h5: found no window of constant speed in .* at 2 p"
+    ):
+        _windows(nowhere, 0.006)
     with pytest.raises(RigError, match=r"expected less travel in a window"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
     shutil.copytree(made, tmp_path / "others" / "near")
