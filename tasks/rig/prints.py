@@ -136,16 +136,17 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
     folder = max(crops, key=lambda one: crops[one].width)  # of the field that all of them show
     page, codes = _page_of(folder)
     field_m = _field_m(crops[folder])
-    for other, cropped in crops.items():
+    for other in [one for one in crops if one != folder]:
         other_page, other_codes = _page_of(other)
         if other_page != page or not np.array_equal(other_codes, codes):
             raise RigError(
                 f"{other}: found another page with the picture {scene} than in {folder}, expected "
                 "the same; evaluate different prints one by one, into folders of their own"
             )
-        if not 1 / _SAME_FIELD < _field_m(cropped) / field_m < _SAME_FIELD:
+        other_field_m = _field_m(crops[other])
+        if not 1 / _SAME_FIELD < other_field_m / field_m < _SAME_FIELD:
             raise RigError(
-                f"{other}: found a field of {1e3 * _field_m(cropped):.3g} mm, and one of "
+                f"{other}: found a field of {1e3 * other_field_m:.3g} mm, and one of "
                 f"{1e3 * field_m:.3g} mm in {folder}, expected the same; crop all recordings of a "
                 "print with one `eres rig crop`"
             )
