@@ -56,7 +56,7 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     ------
     RigError
         If no picture and task has a speed with a place that all widths have. Those that have none
-        are left out with a warning.
+        are left out with a warning. A width that a light of its picture lacks is named in one.
     """
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
@@ -74,6 +74,13 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     of_light: dict[tuple[str, _Light], set[int]] = {}
     for (scene, light, _), cells in visits.items():
         of_light.setdefault((scene, light), set()).update(width for width, _ in cells)
+    for (scene, light), has in of_light.items():
+        lacks = {px for (one, _), of in of_light.items() if one == scene for px in of - has}
+        if lacks:
+            _log.warning(
+                "%s: found crops of %s in light of cutoff %g Hz and threshold %g, and none of %s",
+                *(scene, _named(has), *light, _named(lacks)),
+            )
     kept: list[Row] = []
     for (scene, light, task), cells in visits.items():
         items = {
@@ -82,7 +89,7 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
         }
         rows = _equal(items, of_light[scene, light])
         if not rows:
-            named = " and ".join(f"{width} px" for width in sorted(of_light[scene, light]))
+            named = _named(of_light[scene, light])
             lacking = f"{task} of {scene}: found no speed at which crops of {named} share a place"
             _log.warning("%s; left out", lacking)
         kept += rows
@@ -92,6 +99,10 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
             "give more places"
         )
     return kept
+
+
+def _named(widths: Collection[int]) -> str:
+    return " and ".join(f"{width} px" for width in sorted(widths))
 
 
 def _items(visits: dict[_Visit, _Place], per_visit: int) -> _Place:

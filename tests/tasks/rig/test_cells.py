@@ -162,14 +162,19 @@ def test_visits_are_those_of_their_direction_and_speed():
     assert values(twice, 1190) == values(rows, 1190)
 
 
-def test_each_light_has_its_own_cells():
-    """Promise: one print recorded in two lights has full cells in both, with samples from 0."""
+def test_each_light_has_its_own_cells(caplog):
+    """Promise: one print recorded in two lights has full cells in both, with samples from 0; a
+    distance that one light lacks is named."""
     near, far = recording(1190, [0.6] * 8), recording(640, [0.6] * 8)
     dim = [replace(row, cutoff_hz=50.0) for row in near + far]
     rows = in_cells([near, far, dim[: len(near)], dim[len(near) :]])
     for cutoff_hz in (INF, 50.0):
         there = [row for row in rows if row.cutoff_hz == cutoff_hz]
         assert keys(there, "tracking") == {(w, 0.6, k, 0) for w in (640, 1190) for k in range(8)}
+    assert not caplog.text
+    in_cells([near, far, dim[: len(near)]])
+    assert "mine: found crops of 1190 px in light of cutoff 50 Hz" in caplog.text
+    assert "threshold 0.2, and none of 640 px" in caplog.text
 
 
 def recorded(middle_lead, tasks=tuple(SERIES), places=9):
