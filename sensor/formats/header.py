@@ -77,6 +77,10 @@ class Header:
             raise EventFormatError(
                 f"t_offset_us: found {self.t_offset_us!r}, expected whole microseconds"
             )
+        if not -(2**63) <= self.t_offset_us < 2**63:
+            raise EventFormatError(
+                f"t_offset_us: found {self.t_offset_us}, expected microseconds that int64 holds"
+            )
         model = self.model
         for name in ("width", "height"):
             side = getattr(self, name)

@@ -216,6 +216,7 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     array([[10000.,     0.,     0.]])
     """
     window = events.between(t_start_us, t_end_us)
+    t_start_us, t_end_us = int(t_start_us), int(t_end_us)  # differences of int32 may overflow
     if t_end_us <= t_start_us:
         raise EventError(
             f"event_rates_hz: found a window from {t_start_us} to {t_end_us} us, expected an end "

@@ -27,6 +27,7 @@ thresholds are underestimated."""
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 _LEAST_US = 1.0  # delay of a sensor that is not late
 _EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well
+_AT_MOST = 0.999  # of the longest delay: a search that ends beyond would have gone on
 
 
 class MotionResponse(NamedTuple):
@@ -99,7 +100,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     Raises
     ------
     TaskError
-        The events are not later than the light, for example because the clocks disagree.
+        The events are not later than the light, for example because the clocks disagree, or later
+        by a twentieth of the time of the light or more.
     """
     start_us = best_delay_us(levels)
     if start_us < -_EARLY * levels.settling_us:
@@ -112,6 +114,7 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     poles = 1 if better.high < 0 else 2
     decided = better.high < 0 or better.low > 0
     found, other = fits[poles], _Fit(coarse, poles, start_us)
+    found.check("motion")
     delay, pole, latency = (
         one.widened(abs(theirs - one.value))
         for one, theirs in zip(found.estimates(), other.answer(), strict=True)
@@ -156,13 +159,14 @@ def lag(levels: Levels) -> tuple[float, float, int]:
     Raises
     ------
     TaskError
-        The events do not follow the light.
+        The events do not follow the light, or are later by a twentieth of its time or more.
     """
     delay_us = best_delay_us(levels)
     if delay_us < _LEAST_US:
         return delay_us, 0.0, 2
     fits = {poles: _Fit(levels, poles, delay_us) for poles in (1, 2)}
     poles = min(fits, key=lambda poles: fits[poles].costs.sum())
+    fits[poles].check("thresholds")
     _, pole_s, latency_s = fits[poles].answer().tolist()
     return 1e6 * latency_s, pole_s, poles
 
@@ -180,7 +184,7 @@ class _Fit:
     def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
         self._levels, self._poles = levels, poles
         self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
-        most_us = 0.5 * levels.settling_us
+        self._most_us = most_us = 0.5 * levels.settling_us
         start_us = min(max(start_us, _LEAST_US), most_us)
         line = fit_line(levels, start_us)
         if not min(line.on, line.off) > 0:  # NaN as well
@@ -233,6 +237,16 @@ class _Fit:
             axis=1,
         )
 
+    def check(self, asked: str) -> None:
+        """Refuse a delay that is as long as the search goes: the true one may be longer."""
+        if self._x[0] > _AT_MOST * self._most_us:
+            light_us = self._levels.light_us
+            raise TaskError(
+                f"{asked}: found events {1e-3 * self._most_us:.3g} ms or more after their light, a "
+                f"twentieth of the {1e-3 * float(light_us[-1] - light_us[0]):.4g} ms of it, "
+                "expected less: give a longer stretch of frames"
+            )
+
     @property
     def costs(self) -> Float64:
         """(tiles,) Huber's loss."""
@@ -248,7 +262,10 @@ class _Fit:
         return np.array([delay_s, delay_s * filtered / self._poles, delay_s * (1 - filtered)])
 
     def estimates(self) -> list[Estimate]:
-        """Return the answer with intervals; each draw takes one Gauss-Newton step."""
+        """Return the answer with intervals; each draw takes one Gauss-Newton step.
+
+        Draws vary around the shortest delay, and an answer at it may be outside of most.
+        """
         weight = np.minimum(1.0, self._scale / np.maximum(np.abs(self._rest), 1e-12))
         J = self._slopes(self._x)
         upper = np.triu_indices(4)
@@ -274,6 +291,6 @@ class _Fit:
             return self.answer(step.astype(np.float64))
 
         return [
-            Estimate(float(value), one.low, one.high)
+            Estimate(float(value), min(one.low, value), max(one.high, value))
             for value, one in zip(self.answer(), bootstrap(sums, answer), strict=True)
         ]

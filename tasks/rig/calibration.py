@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion
 from eres_render.storage.atomic import write_text
@@ -316,10 +317,8 @@ def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, flo
         image.append(pose.project(camera, meant, x) - grid_px)
         moved = pose.project(camera, seen, x + _WINDOW_M)
         flow.append(moved - truth.project(camera, meant, x + _WINDOW_M))
-    turned = np.clip((np.sum(pose.R_world_cam * truth.R_world_cam) - 1) / 2, -1, 1)
-    return Errors(
-        1e3 * _rms(apart_m), float(np.rad2deg(np.arccos(turned))), _rms(image), _rms(flow)
-    )
+    turned_rad = Rotation.from_matrix(pose.R_world_cam.T @ truth.R_world_cam).magnitude()
+    return Errors(1e3 * _rms(apart_m), float(np.rad2deg(turned_rad)), _rms(image), _rms(flow))
 
 
 def on_page(pose: RigPose, camera: Camera, points_px: Float64, x_m: float) -> Float64:

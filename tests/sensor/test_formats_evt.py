@@ -98,6 +98,16 @@ def test_a_clock_in_nanoseconds_is_kept(name, tmp_path):
     assert not (tmp_path / "b.raw").exists()
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".txt", ".raw"])
+@pytest.mark.parametrize("start_us", [10**30, 2**63, -(2**63) - 1])
+def test_a_clock_beyond_int64_is_refused(suffix, start_us, tmp_path):
+    """Promise: in every format, with the number, and no file is left."""
+    path, events = tmp_path / f"a{suffix}", make_events([0], [1], [2], [1])
+    with pytest.raises(EventFormatError, match=f"t_offset_us: found {start_us}, expected"):
+        write_events(path, events, t_offset_us=start_us)
+    assert not path.exists()
+
+
 @BOTH
 @pytest.mark.parametrize("from_zero", [False, True])
 @pytest.mark.parametrize("kind", STREAMS)

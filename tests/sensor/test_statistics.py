@@ -192,6 +192,10 @@ def test_rates_are_counts_over_the_window():
     for t, x, y in zip(events.t_us, events.x, events.y, strict=True):
         slow[y, x] += (5_000 <= t < 15_000) / 0.01
     np.testing.assert_allclose(rates, slow)
+    ends_us = np.int32(-(2**31)), np.int32(2**31 - 1)  # their difference needs 33 bits
+    long = event_rates_hz(events, *ends_us)
+    np.testing.assert_allclose(long, event_rates_hz(events, *map(int, ends_us)))
+    assert long.sum() == pytest.approx(5000 / 4294.967295)
 
 
 def test_log_slope_is_the_derivative():

@@ -295,9 +295,12 @@ def test_motion_gives_back_cutoff_and_latency(cutoff_hz, latency_s, photorecepto
 
 
 def test_a_sensor_without_a_delay_has_no_cutoff_and_no_latency():
-    """Promise: neither the end of the search nor a microsecond of doubt is an error."""
+    """Promise: neither the end of the search nor a microsecond of doubt is an error, and what is
+    found there is in its interval."""
     levels, coarse = known(moving(0.2, 0.2, 1e-2), 1e-2)
     found = fit_motion(levels, coarse)
+    for one in (found.delay_s, found.cutoff_hz, found.latency_s):
+        assert one.low <= one.value <= one.high
     assert found.delay_s.value < 1e-4
     assert found.cutoff_hz.value > 1e3
     assert np.isinf(found.cutoff_hz.high)
@@ -346,6 +349,17 @@ def test_events_before_their_light_are_refused():
     late = late.between(0, int(events.t_us[-1]))
     with pytest.raises(TaskError, match=r"motion: found events 3\d{3} us before their light"):
         fit_motion(*known(late, 1e-2))
+
+
+def test_a_delay_beyond_the_search_is_refused():
+    """Promise: two poles at 12 Hz are late by 27 ms, and 0.46 s of light shows up to 23 ms: neither
+    a cutoff nor thresholds of a shorter delay are given, where intervals would miss the truth."""
+    levels, coarse = known(moving(0.1, 0.1, 1e-2, cutoff_hz=12.0), 1e-2)
+    found = "found events 22.8 ms or more after their light, a twentieth of the 455.5 ms of it"
+    with pytest.raises(TaskError, match=f"^motion: {found}, expected less: give a longer stretch"):
+        fit_motion(levels, coarse)
+    with pytest.raises(TaskError, match=f"^thresholds: {found}"):
+        lag(levels)
 
 
 def test_motion_of_events_that_do_not_fit_is_refused():

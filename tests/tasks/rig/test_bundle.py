@@ -50,6 +50,16 @@ def test_the_clock_may_count_from_1970():
     assert late.sigma("latency_ms") == pytest.approx(early.sigma("latency_ms"), rel=1e-3)
 
 
+@pytest.mark.parametrize("turned_rad", [0.0, 1e-9, 1e-7, 0.3])
+def test_small_turns_are_measured(turned_rad):
+    """Physics: the angle between two rotations, also where its cosine is 1 but for rounding."""
+    rig = Rig(0.436)
+    turn = Rotation.from_rotvec([0.0, turned_rad, 0.0]).as_matrix()
+    other = replace(rig.pose, R_world_cam=rig.pose.R_world_cam @ turn)
+    found_rad = np.deg2rad(compare(other, rig.pose, rig.camera, STROKE).turn_deg)
+    assert found_rad == pytest.approx(turned_rad, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("depth_m", "sigma_px", "position_mm", "image_px", "flow_px"),
     [
