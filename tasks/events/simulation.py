@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -30,6 +31,10 @@ from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import AddTo, truth_to_add
 from tasks.origin import origin_of
 from tasks.warm_up import warn_if_coarse, warn_if_short
+
+_log = logging.getLogger(__name__)
+
+_SAMPLES_ALONG = 3  # of frames along a pixel, from which on a fill factor acts, see `SensorModel`
 
 
 class Frames(Protocol):
@@ -103,6 +108,8 @@ def sensor_for(
 ) -> SensorModel:
     """Choose a sensor for frames; its dark level is a thousandth of their white.
 
+    Warns if the frames are too coarse for the sensor's fill factor.
+
     Parameters
     ----------
     frames
@@ -138,11 +145,23 @@ def sensor_for(
         )
     white = frames.white_level
     model = pixel.applied_to(replace(model, dark_level=DARK_FRACTION * white), white)
+    _warn_of_fill_factor(frames, model)
     if contrast_threshold is None:
         return model
     return replace(
         model, contrast_threshold=contrast_threshold, contrast_threshold_off=pixel.threshold_off
     )
+
+
+def _warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
+    _, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
+    along = (columns.stop - columns.start) / model.width
+    if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
+        _log.warning(
+            "fill factor: found %g with %.2g samples of the frames along a pixel, expected at "
+            "least %d: with fewer it has %s effect",
+            *(model.fill_factor, along, _SAMPLES_ALONG, "no" if along == 1 else "little"),
+        )
 
 
 def seen_part(frames: Frames, path: Path, model: SensorModel) -> tuple[slice, slice]:

@@ -205,3 +205,28 @@ def test_a_study_names_a_photoreceptor(tmp_path):
     file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "three_pole"')
     with pytest.raises(ValueError, match=r"photoreceptors.*: found 'three_pole', expected 'two"):
         read_study(file)
+
+
+@pytest.mark.parametrize(
+    ("resolution", "fill_factor", "said"),
+    [
+        (
+            64,
+            0.5,
+            "found 0.5 with 1 samples of the frames along a pixel, expected at least 3: with ",
+        ),
+        (64, 1.0, ""),
+        (
+            32,
+            0.5,
+            "with 2 samples of the frames along a pixel, expected at least 3: with fewer it ",
+        ),
+        (21, 0.5, ""),
+    ],
+)
+def test_frames_too_coarse_for_a_fill_factor_are_said(resolution, fill_factor, said, caplog):
+    """Promise: where a fill factor cannot act on frames, it does not go unnoticed."""
+    frames = SimpleNamespace(width=64, height=64, white_level=1.0)
+    sensor_for(frames, resolution=resolution, pixel=PixelOptions(fill_factor=fill_factor))
+    assert said in caplog.text
+    assert ("fill factor" in caplog.text) == bool(said)
