@@ -158,7 +158,7 @@ def _warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
         _log.warning(
-            "fill factor: found %g with %.2g samples of the frames along a pixel, expected at "
+            "fill factor: found %g with pixels that are %.2g px of the frames wide, expected at "
             "least %d: with fewer it has %s effect",
             *(model.fill_factor, along, _SAMPLES_ALONG, "no" if along == 1 else "little"),
         )

@@ -213,13 +213,13 @@ def test_a_study_names_a_photoreceptor(tmp_path):
         (
             64,
             0.5,
-            "found 0.5 with 1 samples of the frames along a pixel, expected at least 3: with ",
+            "found 0.5 with pixels that are 1 px of the frames wide, expected at least 3: with ",
         ),
         (64, 1.0, ""),
         (
             32,
             0.5,
-            "with 2 samples of the frames along a pixel, expected at least 3: with fewer it ",
+            "with pixels that are 2 px of the frames wide, expected at least 3: with fewer it ",
         ),
         (21, 0.5, ""),
     ],
