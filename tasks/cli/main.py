@@ -80,12 +80,12 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")  # names of files may not be UTF-8
-    if sys.argv[1:] == ["--version"]:
-        print(_version())
-        return
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
     try:
+        if sys.argv[1:] == ["--version"]:
+            terminal.out.print(_version(), soft_wrap=True, highlight=False)
+            return
         app = commands(_COMMANDS, overview=overview)
         for group, inner in _GROUPS.items():
             named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])

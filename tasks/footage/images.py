@@ -220,13 +220,18 @@ def read_images(files: list[Path]) -> Iterator[NDArray[np.generic]]:
     Raises
     ------
     TaskError
-        An image is damaged, or its size differs from the first one's.
+        An image is damaged, or its size differs from the first one's, or one has floats, which are
+        linear, and the other integers.
     """
     shape: tuple[int, ...] | None = None
+    kind = ""
     for file in files:
         image = _read(file)
-        shape = shape or image.shape[:2]
+        shape, kind = shape or image.shape[:2], kind or image.dtype.kind
         check_size(image, shape, file, f"as in {files[0].name}")
+        if image.dtype.kind != kind:
+            found, expected = ("floats", "integers") if kind == "u" else ("integers", "floats")
+            raise TaskError(f"{file}: found {found}, expected {expected}, as in {files[0].name}")
         yield image
 
 

@@ -141,14 +141,16 @@ def render_rig(
     Raises
     ------
     RigError
-        If the rig has no slider, the depth is not positive, the exposure is shorter than 2 us or
-        longer than the slider's pause, the camera does not face the page, or the folder has the
-        recording of another rig or depth.
+        If the rig has no slider, the depth is not positive, the number of images is negative, the
+        exposure is shorter than 2 us or longer than the slider's pause, the camera does not face
+        the page, or the folder has the recording of another rig or depth.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
         raise RigError(f"{rig_file}: slider: missing, expected the strokes to render")
     check_positive("depth", depth_m, RigError, "a positive number of meters")
+    if images < 0:
+        raise RigError(f"images: found {images}, expected at least 0")
     frame_camera.check()
     if frame_camera.exposure < _LEAST_EXPOSURE_S:
         raise RigError(

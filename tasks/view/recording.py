@@ -19,6 +19,7 @@ from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.event_file import EventSource, Source
 
 _MOST_POINTS = 20_000  # in a window
+_MOST_US = (1 << 63) // 1000  # Rerun counts nanoseconds
 _PATH_STEPS = 500
 
 
@@ -47,8 +48,14 @@ def write_recording(
     Raises
     ------
     TaskError
-        Rerun is not installed.
+        Rerun is not installed, or a time is beyond its nanoseconds.
     """
+    latest_us = max(map(abs, times_us), default=0)
+    if latest_us >= _MOST_US:
+        raise TaskError(
+            f"{path or 'Rerun'}: found a time of {latest_us} us, expected less than {_MOST_US} us "
+            "(292 years); `eres convert --from-start` moves the events"
+        )
     with _recording(path) as (rerun, recording):
         logs = []
         for place, source in zip(_places(sources), sources, strict=True):

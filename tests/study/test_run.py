@@ -458,6 +458,11 @@ def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     with pytest.raises(StudyError, match="found a file"):
         run_study(study, tmp_path / "file")
     assert PRESETS["quick"].simulate.warmup_s == pytest.approx(6 * 2 / (2 * np.pi * 50))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "report.html").write_text("my own")
+    with pytest.raises(StudyError, match=r"mine: found report.html without study.json, expected"):
+        run_study(tiny_study(scene_folder), tmp_path / "mine")
+    assert (tmp_path / "mine" / "report.html").read_text() == "my own"
 
 
 def test_frame_cache_is_bounded_and_drops_the_oldest(tmp_path, monkeypatch):

@@ -26,6 +26,10 @@ def test_version_and_lists(eres):
     said = eres("--version")[1]
     assert re.fullmatch(r"eres \d+\.\d+\.\d+ \([^()]+\), Mitsuba \d+\.\d+\.\d+\n", said)
     assert provenance.code() in said
+    with open("/dev/full", "w") as full:
+        run = [sys.executable, "-c", "import tasks.cli; tasks.cli.main()", "--version"]
+        ended = subprocess.run(run, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (ended.returncode, ended.stderr) == (1, "error: system: No space left on device\n")
     code, out, _ = eres("scenes")
     assert (code, "carpet" in out, "0.9 m/s" in out) == (0, True, True)
     assert "event_integration" in eres("methods")[1]

@@ -221,6 +221,17 @@ def test_damaged_tiffs_are_named(tmp_path):
         next(read_images([tmp_path / "0.tif"]))
 
 
+@pytest.mark.parametrize(("first", "found"), [("u", "floats"), ("f", "integers")])
+def test_floats_among_integers_are_refused(first, found, tmp_path):
+    """Promise: frames of which some are linear and others encoded give an error, not events."""
+    image = np.full((8, 10), 0.5, np.float32)
+    one, other = (image, (255 * image).astype(np.uint8))[:: 1 if first == "f" else -1]
+    for k, frame in enumerate((one, other)):
+        cv2.imwrite(str(tmp_path / f"{k}.tif"), frame)
+    with pytest.raises(TaskError, match=rf"1\.tif: found {found}, expected .* as in 0\.tif"):
+        list(open_footage(tmp_path, fps=1))
+
+
 def test_floats_are_linear(tmp_path):
     """Promise: EXR, as luminance or colors, and float TIFF hold light; white is its 99.9th
     percentile."""

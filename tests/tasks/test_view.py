@@ -441,6 +441,15 @@ def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):
         assert code == 0, err
 
 
+def test_times_beyond_nanoseconds_are_refused_for_rerun(eres, tmp_path):
+    """Promise: what int64 nanoseconds do not hold is an error; it wrapped to other times."""
+    file, out = tmp_path / "late.npz", tmp_path / "late.rrd"
+    write_events(file, random_events(20, 48, 36).later(1 << 62))
+    code, _, err = eres("view", file, "--out", out)
+    assert (code, "late.rrd: found a time of 46116" in err) == (1, True)
+    assert not out.exists()
+
+
 def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
     """Promise: frames, pose, depth and flow of a clip, and pictures and points of events."""
     pytest.importorskip("rerun")

@@ -21,6 +21,8 @@ from tasks.study.run.jobs import Job, QueuedJob
 
 _log = logging.getLogger(__name__)
 
+_REPLACED = ("rows.parquet", "tables.csv", "report.html")  # at the end, never before study.json
+
 
 class RunFolder:
     """The files of a run.
@@ -37,12 +39,19 @@ class RunFolder:
     Raises
     ------
     StudyError
-        The folder is a file.
+        The folder is a file, or has other files by the names of a run's.
     """
 
     def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:
         if folder.exists() and not folder.is_dir():
             raise StudyError(f"{folder}: found a file, expected a folder for the run")
+        if not (folder / "study.json").exists():
+            others = [name for name in _REPLACED if (folder / name).exists()]
+            if others:
+                raise StudyError(
+                    f"{folder}: found {' and '.join(others)} without study.json, expected a new "
+                    "folder or that of a run"
+                )
         self._folder, self._jobs, self._mix = folder, jobs, mix
         self._rows_of = _rows_so_far(folder / "parts", jobs)
         self._environment = _environment_so_far(folder)

@@ -645,6 +645,18 @@ def test_an_exposure_that_does_not_fit_is_refused_before_the_render(tmp_path, ex
     assert not (tmp_path / "near").exists()
 
 
+def test_a_negative_number_of_images_is_refused(tmp_path):
+    """Promise: before the render, and nothing is written."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    with pytest.raises(RigError, match="images: found -3, expected at least 0"):
+        render_rig(
+            *(tmp_path / "rig.toml", tmp_path / "near", DEPTH_M),
+            images=-3,
+            frame_camera=FrameCameraOptions(),
+        )
+    assert not (tmp_path / "near").exists()
+
+
 def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
