@@ -139,6 +139,11 @@ class Levels:
         return len(self.t_us)
 
     @property
+    def longest_delay_us(self) -> float:
+        """Longest delay that is searched for: a twentieth of the time of the light."""
+        return 0.5 * self.settling_us
+
+    @property
     def settling_us(self) -> float:
         """Least time from the start of the light to an event: twice the largest delay."""
         return SETTLING * float(self.light_us[-1] - self.light_us[0])

@@ -31,7 +31,7 @@ def best_delay_us(levels: Levels) -> float:
     -------
     Within a twentieth of the time of the light, microseconds; negative if frames are late.
     """
-    reach_us = 0.5 * levels.settling_us
+    reach_us = levels.longest_delay_us
     tried_us = np.linspace(-reach_us, reach_us, _DELAYS)
     left = [fit_line(levels, delay_us).unexplained for delay_us in tried_us.tolist()]
     best, step_us = float(tried_us[int(np.argmin(left))]), float(tried_us[1] - tried_us[0])

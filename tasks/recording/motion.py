@@ -184,7 +184,7 @@ class _Fit:
     def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
         self._levels, self._poles = levels, poles
         self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
-        self._most_us = most_us = 0.5 * levels.settling_us
+        most_us = levels.longest_delay_us
         start_us = min(max(start_us, _LEAST_US), most_us)
         line = fit_line(levels, start_us)
         if not min(line.on, line.off) > 0:  # NaN as well
@@ -239,10 +239,11 @@ class _Fit:
 
     def check(self, asked: str) -> None:
         """Refuse a delay that is as long as the search goes: the true one may be longer."""
-        if self._x[0] > _AT_MOST * self._most_us:
+        most_us = self._levels.longest_delay_us
+        if self._x[0] > _AT_MOST * most_us:
             light_us = self._levels.light_us
             raise TaskError(
-                f"{asked}: found events {1e-3 * self._most_us:.3g} ms or more after their light, a "
+                f"{asked}: found events {1e-3 * most_us:.3g} ms or more after their light, a "
                 f"twentieth of the {1e-3 * float(light_us[-1] - light_us[0]):.4g} ms of it, "
                 "expected less: give a longer stretch of frames"
             )
