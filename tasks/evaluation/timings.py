@@ -96,6 +96,12 @@ class JobTimings:
     rendering_s: float = 0.0
     height: int = 0
 
+    @property
+    def core_s(self) -> float:
+        """Core seconds of all stages."""
+        stages = self.rendering_s, self.reading_s, self.simulating_s, self.collecting_s
+        return self.cores * (sum(stages) + self.scoring_s)
+
 
 def of_one_job(parts: Sequence[JobTimings], before: Rendered) -> JobTimings:
     """Return the timings of a job whose sensors were evaluated in several parts.

@@ -18,6 +18,7 @@ import pytest
 
 from eres_render import load_scene
 from eres_render.errors import RenderError
+from eres_render.rendering.backend import select_variant
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
@@ -44,9 +45,9 @@ from tasks.study.config import (
 )
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
-from tasks.study.run import frame_cache, local, run_study
+from tasks.study.run import frame_cache, local, pace, run_study
 from tasks.study.run.compute import ComputedJob
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import jobs_of
 from tasks.study.run.run_study import _scenes
 from tasks.study.study_file import read_study
@@ -319,7 +320,8 @@ def test_a_stopped_study_does_not_describe_the_rows_of_another(
         if computed:
             raise KeyboardInterrupt
         computed.append(queued)
-        return ComputedJob(finished[1][:1], {}, {"code": "git 0123"})
+        timings = read_timings(run / "costs")[0]
+        return ComputedJob(finished[1][:1], timings, {}, {"code": "git 0123"})
 
     study = tiny_study(scene_folder)
     with monkeypatch.context() as patch:
@@ -395,6 +397,36 @@ def test_the_cost_of_the_paper_preset_is_foretold():
     assert told_s == pytest.approx(3600 + 52 * 60 + 45, rel=0.25)
 
 
+def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monkeypatch, caplog):
+    """Promise: the next study is foretold as slow as the jobs of this one, without the first, which
+    compiles."""
+    out, rows = finished
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(pace, "_PRIOR_S", 0.0)
+    caplog.set_level(logging.INFO)
+    here = environment.environment(select_variant())
+    some, begun = read_timings(out / "costs")[0], []
+
+    def slow(queued, on_progress):
+        begun.append(queued)
+        times = 3 if len(begun) > 1 else 100
+        stages = dict.fromkeys(("reading_s", "simulating_s", "collecting_s"), 0.0)
+        told = estimate_job(queued.job)
+        took = replace(some, **stages, rendered_frames=told.frames, rendering_s=0.0)
+        took = replace(took, cores=2, scoring_s=times * told.core_s / 2)
+        return ComputedJob(rows[:1], took, {}, here)
+
+    monkeypatch.setattr(local, "compute_job", slow)
+    study = tiny_study(scene_folder)
+    run_study(study, tmp_path / "one")
+    assert len(begun) > 2
+    assert pace.pace_of(here) == pytest.approx(3)
+    run_study(with_threshold(study, 0.4), tmp_path / "other")
+    first, second = (text for text in caplog.messages if "to do" in text)
+    assert first.endswith(" min at a fast server's pace")
+    assert second.endswith(" min at this machine's pace")
+
+
 def test_more_samples_keep_the_old_ones(finished, scene_folder):
     """Promise: a clip's name depends on its settings alone, so other sample numbers reuse clips."""
     study = tiny_study(scene_folder)
@@ -423,6 +455,8 @@ def test_cost_is_said_before_the_start(finished, scene_folder, monkeypatch):
     twice = estimate_work([*work, *work], cores=1)
     assert twice.seconds == pytest.approx(2 * estimate_work(work, cores=1).seconds)
     assert twice.seconds == pytest.approx(2 * estimate_work([*work, *work], cores=2).seconds)
+    slow = estimate_work(work, cores=2, pace=3.0)
+    assert slow.seconds == pytest.approx(3 * said.seconds)
     told = f"{len(work)} jobs to do: about {said.frames} frames, "
     assert said.text().startswith(f"{told}{said.frame_bytes / 1e9:.2g} GB on disk, ")
     monkeypatch.setattr(frame_cache, "LIMIT_BYTES", said.frame_bytes / 2)

@@ -232,7 +232,7 @@ def queued_jobs(scene_folder):
 )
 def test_progress_never_goes_back(stages_s) -> None:
     """Promise: not by a rounding either, as the elapsed time would start again at 0."""
-    jobs = [JobEstimate(1, 1.0, *lengths_s) for lengths_s in stages_s]
+    jobs = [JobEstimate(1, 1.0, *lengths_s, 0.0) for lengths_s in stages_s]
     before_s, total_s, seen = 0.0, sum(one.core_s for one in jobs), []
 
     def seen_at(stage, done, of, /):
@@ -249,7 +249,7 @@ def test_progress_never_goes_back(stages_s) -> None:
 
 def nothing_computed(queued, on_progress):
     on_progress("simulating", 1, 2)
-    return ComputedJob([], {}, {})
+    return ComputedJob([], None, {}, {})
 
 
 def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
@@ -283,11 +283,13 @@ def test_workers_take_the_longest_job_first(one_worker, scene_folder, monkeypatc
 
     def computed(queued, on_progress):
         begun.append(queued.key)
-        return ComputedJob([], {}, {})
+        return ComputedJob([], None, {}, {})
 
     monkeypatch.setattr(cluster_module, "compute_job", computed)
     monkeypatch.setattr(
-        cluster_module, "estimate_job", lambda job: JobEstimate(1, 1.0, lengths_s[job.key], 0.0)
+        cluster_module,
+        "estimate_job",
+        lambda job: JobEstimate(1, 1.0, lengths_s[job.key], samples_s=0.0, render_s=0.0),
     )
     with open_scheduler(one_worker.scheduler_address) as computing:
         assert len(list(computing.compute(jobs, silent))) == len(jobs)
@@ -307,7 +309,7 @@ def test_weights_that_change_meanwhile_end_the_study(
 
     def computed(queued, on_progress):
         file.write_bytes(b"of another training")
-        return ComputedJob([], {}, {})
+        return ComputedJob([], None, {}, {})
 
     for module in (cluster_module, local_module):
         monkeypatch.setattr(module, "compute_job", computed)

@@ -15,7 +15,7 @@ from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.timings import JobTimings, of_one_job, timings_file
+from tasks.evaluation.timings import JobTimings, of_one_job
 from tasks.provenance import environment
 from tasks.row import Row
 from tasks.study.config import Render, digest
@@ -33,13 +33,16 @@ class ComputedJob:
     ----------
     rows
         The scores.
+    timings
+        Work and time of its stages.
     files
-        Contents of files by path in the run's folder: timings and, on request, highlights.
+        Contents of highlights, if asked for, by path in the run's folder.
     environment
         Versions and machine that computed the job.
     """
 
     rows: list[Row]
+    timings: JobTimings
     files: dict[str, bytes]
     environment: dict[str, str]
 
@@ -71,7 +74,6 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         settings = job.settings(sequence.white_level)
         highlights = Highlights(queued, settings) if queued.with_highlights else None
         rows: list[Row] = []
-        files: dict[str, bytes] = {}
         timings: list[JobTimings] = []
         before = replace(sequence.rendered)
         reference = None
@@ -89,10 +91,9 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         whole = replace(
             of_one_job(timings, before), resolution=sequence.width, height=sequence.height
         )
-        files[f"costs/{queued.key}.json"] = timings_file(whole)
-        if highlights and reference:
-            files |= highlights.result(reference, sequence)
-    return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))
+        files = highlights.result(reference, sequence) if highlights and reference else {}
+    rows = job.with_every_reading(rows)
+    return ComputedJob(rows, whole, files, environment(light.renderer.variant))
 
 
 def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:

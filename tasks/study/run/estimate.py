@@ -43,12 +43,15 @@ class JobEstimate:
         Core seconds while there are frames: rendering, simulating, and methods with a state.
     samples_s
         Core seconds after that: the other methods, and scores.
+    render_s
+        Core seconds of `frames_s` for rendering.
     """
 
     frames: int
     frame_bytes: float
     frames_s: float
     samples_s: float
+    render_s: float
 
     @property
     def core_s(self) -> float:
@@ -68,25 +71,29 @@ class WorkEstimate:
         Size of all frames; the cache may keep fewer.
     seconds
         Wall-clock time with all cores at work.
+    pace
+        As in `estimate_work`.
     """
 
     jobs: int
     frames: int
     frame_bytes: float
     seconds: float
+    pace: float | None
 
     def text(self) -> str:
         """Return the estimate as one line of text."""
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         kept = min(self.frame_bytes, limit_bytes())
+        whose = "a fast server's pace" if self.pace is None else "this machine's pace"
         return (
             f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{kept / 1e9:.2g} GB on disk, {time}"
+            f"{kept / 1e9:.2g} GB on disk, {time} at {whose}"
         )
 
 
-def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
+def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) -> WorkEstimate:
     """Estimate the work of jobs; frames in the cache count as if they were missing.
 
     Parameters
@@ -95,6 +102,8 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
         The jobs.
     cores
         Number of cores that share the work.
+    pace
+        Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
 
     Returns
     -------
@@ -102,7 +111,8 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     """
     found = [estimate_job(job) for job in jobs]
     frames, size = sum(one.frames for one in found), sum(one.frame_bytes for one in found)
-    return WorkEstimate(len(jobs), frames, size, sum(one.core_s for one in found) / cores)
+    seconds = sum(one.core_s for one in found) / cores * (1.0 if pace is None else pace)
+    return WorkEstimate(len(jobs), frames, size, seconds, pace)
 
 
 def estimate_job(job: Job) -> JobEstimate:
@@ -120,8 +130,8 @@ def estimate_job(job: Job) -> JobEstimate:
     render, frames = job.render, _frames(job)
     px = render.resolution * render.height_at(render.resolution)
     ns_px, ns_sample = _RENDER_NS_WITH_DEPTH if job.scene.plane is None else _RENDER_NS_ON_PLANE
-    frames_s = 1e-9 * frames * px * (ns_px + ns_sample * render.spp)
-    samples_s = 0.0
+    render_s = 1e-9 * frames * px * (ns_px + ns_sample * render.spp)
+    frames_s, samples_s = render_s, 0.0
     speeds = len(job.simulate.speeds)
     for sensor, _, model in job.simulate.models(render):
         kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
@@ -133,7 +143,7 @@ def estimate_job(job: Job) -> JobEstimate:
                 frames_s += score_s
             else:
                 samples_s += score_s
-    return JobEstimate(frames, frames * px * _DISK_BYTES_PER_PX, frames_s, samples_s)
+    return JobEstimate(frames, frames * px * _DISK_BYTES_PER_PX, frames_s, samples_s, render_s)
 
 
 def _frames(job: Job) -> int:

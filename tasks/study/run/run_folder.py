@@ -12,6 +12,7 @@ from typing import Any
 from eres_render.storage.atomic import write_bytes
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
+from tasks.evaluation.timings import timings_file
 from tasks.provenance import check_renderer, command, together
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.results.previews import INDEX_NAME, Preview
@@ -119,7 +120,8 @@ class RunFolder:
         self.check(computed.environment)  # workers of a cluster differ
         if queued.with_highlights:  # the list may be of another study's pictures, by these names
             self._index.unlink(missing_ok=True)
-        for name, data in computed.files.items():
+        timings = {f"costs/{queued.key}.json": timings_file(computed.timings)}
+        for name, data in (timings | computed.files).items():
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
         self._write("environment.json", self._environment)

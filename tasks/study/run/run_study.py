@@ -26,6 +26,7 @@ from tasks.study.run.jobs import (
     trials,
     weight_digests,
 )
+from tasks.study.run.pace import add_job, pace_of
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import Scheduler, open_scheduler
 
@@ -89,9 +90,10 @@ def run_study(
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if to_do := folder.to_do():
-            folder.check(computing.environment())
+            here = computing.environment()
+            folder.check(here)
             jobs = [queued.job for queued in to_do]
-            _log.info("%s", estimate_work(jobs, computing.cores).text())
+            _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
             new = trials(study, jobs, [work[key] for key in folder.finished])
             _try_own_methods(new, computing, on_progress)
         if not to_do:
@@ -103,10 +105,12 @@ def run_study(
         try:
             with locked(out / ".lock", wait=False):
                 folder.describe(resolved)
-                for queued, computed in computing.compute(to_do, counted):
+                for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
                     counted.one_is_finished()
+                    if nth:  # the first one compiles
+                        add_job(computed.environment, estimate_job(queued.job), computed.timings)
         except LockedError:
             raise StudyError(f"{out}: another process is computing this run; wait for it") from None
     return folder.finish(resolved)
