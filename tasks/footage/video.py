@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from tasks.footage.frame_size import check_size
 _log = logging.getLogger(__name__)
 
 _RIGHT_ANGLE = 1e-3  # largest deviation from a right angle, radians
+_LONGER, _SOUND_S = 3, 0.1  # a last frame that is no sign of a missing end: intervals, and seconds
 _HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the matrix of BT.709
 
 
@@ -71,16 +73,33 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
             if packet.size and not packet.is_discard and _is_shown(packet, stream.codec.name)
         ]
         step = Fraction(stream.time_base) if stream.time_base else None
+        stated_us, start = container.duration, stream.start_time or 0
     if len(shown) < 2:
         raise TaskError(f"{path}: found {len(shown)} frames, expected two or more")
+    timed = step is not None and None not in shown
+    if timed and stated_us is not None:
+        _warn_if_short([(t - start) * step for t in sorted(shown)], stated_us / 1e6, path)
     if fps is not None:
         return [round(k * 1e9 / fps) for k in range(len(shown))]
-    if step is None or None in shown:
+    if not timed:
         raise TaskError(f"{path}: found frames without a time, expected --fps")
     times = sorted(shown)
     if len(set(times)) < len(times):
         raise TaskError(f"{path}: found two frames at the same time, expected --fps")
     return [round(t * step * 10**9) for t in times]
+
+
+def _warn_if_short(times_s: Sequence[Fraction], stated_s: float, path: Path) -> None:
+    """Warn of a video whose end is missing: Matroska and Flash state their length at the start.
+
+    The last frame may be shown for longer than others, and sound may go on for longer.
+    """
+    longest_s = max(float(two - one) for one, two in pairwise(times_s))
+    if stated_s - float(times_s[-1]) > _LONGER * longest_s + _SOUND_S:
+        _log.warning(
+            "%s: found frames up to %.3g s, but the file states %.3g s: its end may be missing",
+            *(path, float(times_s[-1]), stated_s),
+        )
 
 
 # Transfer characteristics of H.273, Table 3; those that are not named are BT.709's, or close to it.

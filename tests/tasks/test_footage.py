@@ -640,8 +640,25 @@ def test_videos_are_checked(tmp_path):
     video = write_video(tmp_path / "b.mkv", planes)
     with pytest.raises(TaskError, match="found time-unit"):
         open_footage(video, time_unit="s")
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "flv"])
+@pytest.mark.parametrize("fps", [None, 24.0])
+def test_videos_without_an_end_are_said(tmp_path, caplog, suffix, fps):
+    """Promise: a truncated Matroska or Flash file, which can be read up to where it ends, is named
+    with the times of its last frame and of its end; a whole one with an uneven rate is not."""
+    planes = np.random.default_rng(0).integers(0, 255, (40, 96, 64), np.uint8)
+    times = [*range(0, 1950, 50), 2040]
+    codec = {"codec": "flv"} if suffix == "flv" else {}
+    video = write_video(tmp_path / f"a.{suffix}", planes, times=times, pixels="yuv420p", **codec)
+    assert len(list(open_footage(video, fps=fps))) == 40
+    assert not caplog.messages
     video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
-    assert 2 <= len(list(open_footage(video))) < 20  # Matroska can be read up to where it ends
+    count = len(list(open_footage(video, fps=fps)))
+    assert 10 < count < 25
+    (said,) = caplog.messages
+    assert said.startswith(f"{video}: found frames up to {(count - 1) * 0.05:.3g} s, but the file ")
+    assert said.endswith(": its end may be missing")
 
 
 def test_reference_frames_of_vp8_are_no_images(tmp_path):
