@@ -23,7 +23,7 @@ def fit(
     still: tuple[float, float] | None = None,
     crop: Path | None = None,
     motion: bool = False,
-    dark: float = 1e-3,
+    dark: Annotated[float | None, arg(help_behavior_hint="(default: 0.001)")] = None,
     steps: str | None = None,
     title: str | None = None,
     format: str | None = None,
@@ -68,7 +68,7 @@ def fit(
     from sensor.events import concatenate
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
-    from tasks.fitting.fit import Evidence
+    from tasks.fitting.fit import USUAL_DARK, Evidence
     from tasks.fitting.fit import fit as fit_recording
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
@@ -86,6 +86,8 @@ def fit(
             "motion, estimate-shift: found both, expected one of them; an estimated shift would "
             "hide the latency"
         )
+    if dark is not None and frames.frames is None and crop is None:
+        raise TaskError(f"dark: found {dark:g}, expected it only with --frames or --crop")
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:
@@ -99,7 +101,7 @@ def fit(
         frames=opened,
         light=None if crop is None else light_of_crop(crop),
         motion=motion,
-        dark_share=dark,
+        dark_share=USUAL_DARK if dark is None else dark,
         rises_us=None if steps is None else read_steps(steps, recording, format),
     )
     events = concatenate(list(reading.parts(recording, format)))

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
-from tasks.errors import TaskError, UsageError
+from tasks.errors import UsageError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.view.look import ALL_OF_IT, Look
 
@@ -58,7 +58,7 @@ def view(
 
     if rerun == (out is not None):
         found = "both" if rerun else "neither"
-        raise TaskError(
+        raise UsageError(
             f"out, rerun: found {found}, expected one of them, such as --out events.mp4"
         )
     if not sources:

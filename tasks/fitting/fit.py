@@ -23,6 +23,7 @@ from tasks.recording.levels import busiest, every_second, levels_of, light_betwe
 from tasks.recording.motion import MotionResponse, fit_motion, lag
 from tasks.recording.threshold import FittedThresholds, fit_thresholds
 
+USUAL_DARK = 1e-3
 DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Dark levels of the sweep, shares of white."""
 
@@ -63,7 +64,7 @@ class Evidence:
     frames: Frames | None = None
     light: Footage | None = None
     motion: bool = False
-    dark_share: float = 1e-3
+    dark_share: float = USUAL_DARK
     rises_us: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:

@@ -124,6 +124,8 @@ class DatasetSettings:
         rate_hz = self.images_hz
         fits = rate_hz is None or 0 < rate_hz <= 1 / self.camera.exposure
         check("images_hz", fits, "above 0, and exposures that do not overlap")
+        fits = rate_hz is not None or self.camera == USUAL_CAMERA
+        check("images_hz", fits, "a rate with an exposure, a full well or a read noise")
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
             raise TaskError("pixel: found a cutoff or an illuminance, expected cutoffs_hz")
         check("truth_step_s", self.truth_step_s >= 1e-6, "at least a microsecond")

@@ -33,6 +33,7 @@ _NEEDED = {  # data that a recording does not have, by task
     "tracking": "a plane, the poses and the camera, which a recording does not have",
 }
 _WITH_DELAY = "photometric_flow_with_delay"  # not by default: clocks and exposures hide the delay
+_FLOW = ("flow", "dense_flow")
 _FROM_ZERO = "initial_flow"  # not by default for dense flow: it is the same as zero_flow
 
 
@@ -101,10 +102,15 @@ def evaluate_recording(
     """
     if task in _NEEDED:
         raise TaskError(f"{recording.path}: {TASKS[task].title} needs {_NEEDED[task]}")
-    if frames is None and task not in ("flow", "dense_flow"):
+    if frames is None and task not in _FLOW:
         raise TaskError(
             f"{recording.path}: {TASKS[task].title} is scored against frames, expected --frames; "
             "`eres video` makes images without"
+        )
+    if task not in _FLOW and flow != USUAL_FLOW:
+        raise TaskError(
+            f"{recording.path}: found options of windows or patches for {TASKS[task].title}, "
+            "expected them only for flow"
         )
     names = _methods(recording, task, methods, frames, weights)
     notes: list[str] = []

@@ -106,6 +106,10 @@ def view(
     subject = open_subject(
         files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )
+    if not subject.event_sources:
+        for name in ("window", "count"):
+            if (found := getattr(look, name)) is not None:
+                raise TaskError(f"{name}: found {found}, expected it only with events")
     if kind == ".rrd":
         write_recording(out, subject.sources, _times(subject, look, kind), on_progress)
         return

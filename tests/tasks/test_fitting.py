@@ -539,6 +539,9 @@ def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
     assert model.off_threshold > model.contrast_threshold
     code, _, err = eres("fit", tmp_path / "recording.h5", "--out", out, "--still", "0", "0.1")
     assert (code, "exists already" in err) == (1, True)
+    still = "--still", "0", "0.1", "--dark", 1e-2
+    code, _, err = eres("fit", tmp_path / "recording.h5", "--out", tmp_path / "other.toml", *still)
+    assert (code, "dark: found 0.01, expected it only with --frames or" in err) == (1, True)
 
 
 def test_a_profile_of_everything_can_be_read_again(tmp_path):

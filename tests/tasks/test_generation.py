@@ -204,6 +204,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--images", 300], "images: found 300.0, expected above 0, and exposures"),
         (["--resolution", 0], "width: found 0"),
         (["--threshold", "inf"], "contrast_threshold: found inf"),
+        (["--exposure", 0.01], "images: found None, expected a rate with an exposure"),
         (["--truth", 1e-7], "truth: found 1e-07, expected at least a microsecond"),
         (["--max-displacement", 0], "max_displacement: found 0.0, expected a positive number"),
         (["--images", 1, "--seconds", 0.002], "exposure: found 0.005, expected at most 0.002 s"),

@@ -451,6 +451,15 @@ def test_options_of_a_simulated_sensor_are_refused(name, value, made, eres):
     assert f"found a recording with --{name} {value:g}" in err
 
 
+def test_options_of_flow_are_refused_for_images(made, tmp_path, eres):
+    """Promise: no option is without effect in silence."""
+    frames = made.write_frames(tmp_path / "frames")
+    args = "--task", "reconstruction", "--frames", frames, "--patch-px", 21
+    code, _, err = eres("evaluate", made.events_file, *args)
+    assert code == 1
+    assert "found options of windows or patches for reconstruction, expected them only" in err
+
+
 def wrong_size(made, folder):
     frames = made.write_frames(folder / "frames")
     for file in frames.glob("*.png"):

@@ -509,12 +509,18 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
 @pytest.mark.parametrize(
     ("args", "text"),
     [
-        (["{events}"], "found neither, expected one of them"),
         (
             ["{events}", "--out", "{tmp}/o.png", "--window", "5", "--count", "100"],
             "window, count: found both, expected one of them",
         ),
-        (["{events}", "--rerun", "--out", "{tmp}/o.mp4"], "found both"),
+        (
+            ["{clip}", "--out", "{tmp}/o.mp4", "--window", "5"],
+            "window: found 5.0, expected it only",
+        ),
+        (
+            ["{clip}", "--out", "{tmp}/o.rrd", "--count", "5"],
+            "count: found 5, expected it only with",
+        ),
         (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
         (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
         (["{events}", "--out", "{tmp}/file.mp4/o.mp4"], "found a file, expected a folder"),
@@ -780,3 +786,12 @@ def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, mon
     text = out.read_text()
     assert '"count": 1334' in text
     assert "one of every 3 events" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "found"), [([], "neither"), (["--rerun", "--out", "o.mp4"], "both")]
+)
+def test_a_file_or_the_viewer_is_asked_for(eres, recording, options, found):
+    """Promise: it is a mistake in the command, exit code 2, before anything is read."""
+    code, _, err = eres("view", recording, *options)
+    assert (code, f"out, rerun: found {found}, expected one of them" in err) == (2, True)
