@@ -394,7 +394,7 @@ def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
     """
     if max_displacement_px > _FAR_APART_PX:
         _log.warning(
-            "%s: frames lie up to %g px apart, expected at most %g (--max-displacement): "
+            "%s: frames lie up to %g px apart, expected a max displacement of at most %g: "
             "motion that turns back between two frames causes no events; at 2 px a fifth is lost",
             *(what, max_displacement_px, _FAR_APART_PX),
         )

@@ -403,9 +403,9 @@ def evaluate(
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
+    from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
-    from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
     from tasks.study.run.recorded import check_recorded, write_recorded
 
     if not crops:

@@ -15,11 +15,11 @@ from statistics import median
 import numpy as np
 
 from tasks.errors import RigError
+from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.row import Row
 
 _log = logging.getLogger(__name__)
 
-_PLACES_OF_AN_INTERVAL = 6
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
 _Light = tuple[float, float]  # cutoff and contrast threshold
@@ -170,4 +170,4 @@ def _worth(kept: dict[float, _Shared]) -> tuple[int, bool, int]:
     """Return the number of speeds, whether they have intervals, and the least items at one."""
     places = min(map(len, kept.values()), default=0)
     items = min((sum(map(len, one.values())) for one in kept.values()), default=0)
-    return len(kept), places >= _PLACES_OF_AN_INTERVAL, items
+    return len(kept), places >= MIN_SAMPLES_FOR_INTERVAL, items

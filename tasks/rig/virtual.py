@@ -143,7 +143,7 @@ def render_rig(
     RigError
         If the rig has no slider, the depth is not positive, the number of images is negative, the
         exposure is shorter than 2 us or longer than the slider's pause, the camera does not face
-        the page, or the folder has the recording of another rig or depth.
+        the page, or the folder has the recording of another rig or depth, or more images.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
@@ -168,6 +168,7 @@ def render_rig(
     camera = settings.camera_in(rig_file.parent)
     _check_same(out, page, slider, pose)
     _check_light(out, page, codes, camera)
+    _check_images(out, images)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
     if out.resolve() != rig_file.parent.resolve():
         if settings.camera_file is not None:
@@ -222,6 +223,16 @@ def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera
         same = print_file.exists() and np.array_equal(read_page_image(print_file, page), codes)
         if not same:
             raise RigError(f"{print_file}: found another picture, expected a new folder")
+
+
+def _check_images(out: Path, images: int) -> None:
+    """Refuse a folder with more images than will be written, of which some would stay."""
+    for file in sorted((out / FRAMES_FOLDER).glob("*.png")):
+        if file.stem.isdecimal() and int(file.stem) > images:
+            raise RigError(
+                f"{file}: found the image of an earlier render, expected at most {images} along "
+                "the way, a higher --images, or a new folder"
+            )
 
 
 def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:

@@ -161,9 +161,10 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     steps = math.floor((end_us - first_us) / step_us)
     most = _MOST_PICTURES.get(kind, _MOST_PICTURES[".mp4"])
     if steps >= most:
+        other = ", or write a .mp4" if most < _MOST_PICTURES[".mp4"] else ""
         raise TaskError(
             f"found {steps + 1} pictures, expected at most {most} in a {kind}; choose a part with "
-            "--start and --end, a smaller --slow or --fps, or write a .mp4"
+            f"--start and --end, or a smaller --slow or --fps{other}"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
 

@@ -433,7 +433,10 @@ def test_frames_far_apart_are_said(eres, tmp_path, caplog):
         assert eres("evaluate", clip, *task)[0] == 0
     said = [message for message in caplog.messages if "px apart" in message]
     assert [message.split(":")[0] for message in said] == ["room", str(clip), str(clip)]
-    assert all("frames lie up to 3.5 px apart, expected at most 1" in line for line in said)
+    assert all(
+        "frames lie up to 3.5 px apart, expected a max displacement of at most 1:" in line
+        for line in said
+    )
 
 
 def test_a_sensor_without_width_is_refused(eres, tmp_path):

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
 from tasks.study.claims.numbers import (
     NotMeasured,
@@ -19,7 +20,6 @@ from tasks.study.claims.numbers import (
 )
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores

@@ -7,6 +7,7 @@ from inspect import isfunction
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
 from tasks.study.report.sections import (
@@ -19,7 +20,6 @@ from tasks.study.report.sections import (
 )
 from tasks.study.results import comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 
 TEMPLATES = Environment(

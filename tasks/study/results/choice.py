@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tasks.metric import Metric
+from tasks.metric import MIN_SAMPLES_FOR_INTERVAL, Metric
 from tasks.registry import TASKS
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
+from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 

@@ -15,13 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from tasks.metric import LAST_BITS, number_text
+from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.cells import Cell
-
-MIN_SAMPLES_FOR_INTERVAL = 6
-"""With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;
-with fewer, no interval between samples does."""
 
 TAILS = (0.025, 0.025)
 """Shares of the bootstrap draws below and above a 95 % interval."""

@@ -657,6 +657,23 @@ def test_a_negative_number_of_images_is_refused(tmp_path):
     assert not (tmp_path / "near").exists()
 
 
+def test_images_of_an_earlier_render_are_not_left_among_new_ones(tmp_path):
+    """Promise: fewer images than the folder has are refused before the render."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    images = tmp_path / "near" / "frames"
+    images.mkdir(parents=True)
+    for k in range(6):
+        (images / f"{k:06d}.png").write_bytes(b"as before")
+    with pytest.raises(RigError, match=r"000005.png: found the image of an earlier render, .*4"):
+        render_rig(
+            *(tmp_path / "rig.toml", tmp_path / "near", DEPTH_M),
+            images=4,
+            frame_camera=FrameCameraOptions(),
+        )
+    assert {one.read_bytes() for one in images.iterdir()} == {b"as before"}
+    assert [one.name for one in (tmp_path / "near").iterdir()] == ["frames"]
+
+
 def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
