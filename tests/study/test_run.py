@@ -425,6 +425,11 @@ def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monk
     first, second = (text for text in caplog.messages if "to do" in text)
     assert first.endswith(" min at a fast server's pace")
     assert second.endswith(" min at this machine's pace")
+    monkeypatch.setattr(local.ThisProcess, "environment", lambda self: {})  # as of a cluster
+    kept = (cache_dir() / "pace.json").read_bytes()
+    run_study(with_threshold(study, 0.3), tmp_path / "workers")
+    assert (cache_dir() / "pace.json").read_bytes() == kept
+    assert "at a fast server's pace" in [text for text in caplog.messages if "to do" in text][-1]
 
 
 def test_more_samples_keep_the_old_ones(finished, scene_folder):

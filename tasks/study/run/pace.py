@@ -48,7 +48,7 @@ def add_job(environment: Mapping[str, str], estimate: JobEstimate, timings: JobT
     Parameters
     ----------
     environment
-        Environment of the job.
+        Environment of the machine.
     estimate
         Its estimated work; only the share of the frames counts that was not in the cache.
     timings

@@ -89,16 +89,16 @@ def run_study(
         _check_compares(work.values())
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
-        if to_do := folder.to_do():
-            here = computing.environment()
-            folder.check(here)
-            jobs = [queued.job for queued in to_do]
-            _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
-            new = trials(study, jobs, [work[key] for key in folder.finished])
-            _try_own_methods(new, computing, on_progress)
+        to_do = folder.to_do()
         if not to_do:
             folder.describe(resolved)
             return folder.finish(resolved)
+        here = computing.environment()
+        folder.check(here)
+        jobs = [queued.job for queued in to_do]
+        _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
+        new = trials(study, jobs, [work[key] for key in folder.finished])
+        _try_own_methods(new, computing, on_progress)
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
         counted = _Counted(on_progress, finished, len(to_do))
@@ -109,8 +109,8 @@ def run_study(
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
                     counted.one_is_finished()
-                    if nth:  # the first one compiles
-                        add_job(computed.environment, estimate_job(queued.job), computed.timings)
+                    if nth and here:  # the first one compiles; workers may share their cores
+                        add_job(here, estimate_job(queued.job), computed.timings)
         except LockedError:
             raise StudyError(f"{out}: another process is computing this run; wait for it") from None
     return folder.finish(resolved)
