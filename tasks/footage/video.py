@@ -77,13 +77,13 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     if len(shown) < 2:
         raise TaskError(f"{path}: found {len(shown)} frames, expected two or more")
     timed = step is not None and None not in shown
+    times = sorted(shown) if timed else []
     if timed and stated_us is not None:
-        _warn_if_short([(t - start) * step for t in sorted(shown)], stated_us / 1e6, path)
+        _warn_if_short([(t - start) * step for t in times], stated_us / 1e6, path)
     if fps is not None:
         return [round(k * 1e9 / fps) for k in range(len(shown))]
     if not timed:
         raise TaskError(f"{path}: found frames without a time, expected --fps")
-    times = sorted(shown)
     if len(set(times)) < len(times):
         raise TaskError(f"{path}: found two frames at the same time, expected --fps")
     return [round(t * step * 10**9) for t in times]
