@@ -225,7 +225,7 @@ def truth(
         Height of the images, px, for a sensor of another shape than the frames, which sees the
         center of them. By default the images show all of the frames.
     step
-        Time from one image to the next, seconds.
+        Time from one image to the next, seconds; the last may be nearer, at the window's end.
     flow_png
         Write the flow as 16-bit PNG too, as in the DSEC dataset.
     overwrite

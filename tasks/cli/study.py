@@ -56,7 +56,7 @@ def study(
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
         "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
-        two photoreceptors; takes about two hours on 2 cores. "slider": three prints in front
+        two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
         "ablations": what the paper leaves open, on 6 samples of each scene.
     scenes

@@ -337,9 +337,7 @@ class Video(NetworkSettings):
 
     def __post_init__(self) -> None:
         if self.e2vid_window_s is not None and self.e2vid_events_per_px is not None:
-            raise TaskError(
-                "video: found e2vid_window_s and e2vid_events_per_px, expected one of them"
-            )
+            raise TaskError("found e2vid_window_s and e2vid_events_per_px, expected one of them")
         if 0 < self.every_s * _MOST_IMAGES < self.duration_s:
             raise TaskError(
                 f"every_s: found {self.every_s:g} s, expected at least "
@@ -347,8 +345,9 @@ class Video(NetworkSettings):
             )
         if self.every_s > 0 and self.images < 1:
             raise TaskError(
-                f"video: found no image to score with duration_s = {self.duration_s:g}, "
-                f"run_in_s = {self.run_in_s:g} and every_s = {self.every_s:g}, expected some"
+                f"found no image to score with duration_s = {self.duration_s:g}, "
+                f"run_in_s = {self.run_in_s:g} and every_s = {self.every_s:g}, expected a "
+                f"duration_s of at least {self.run_in_s + self.every_s:g}"
             )
 
     def plan(self) -> Mapping[Stretches, Self]:

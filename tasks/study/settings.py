@@ -29,6 +29,7 @@ _LEFT_OUT_IF_NOT_GIVEN = (
 )
 
 _LEAST_HZ = 1e-3  # warms up for a quarter of an hour
+_MOST_THRESHOLD = math.log(65504 / 2**-24)  # frames are half-floats
 _LONGEST_S = 2000.0  # sensors take less than 2147 s between two frames
 _LEAST_DISPLACEMENT_PX = 0.001
 LEAST_RESOLUTION = 62
@@ -286,13 +287,13 @@ class Study:
                     f"{nearest(scene, self.scenes)}"
                 )
         for name in (
-            *("cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"),
-            *(("widths",) if self.simulate.widths or not self.simulate.sensors else ()),
             *(
-                name
+                name  # before the fields that follow from it
                 for name in ("illuminance_lux", "speeds_m_s")
                 if getattr(self.simulate, name) is not None
             ),
+            *("cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"),
+            *(("widths",) if self.simulate.widths or not self.simulate.sensors else ()),
         ):
             _check_list(f"simulate.{name}", getattr(self.simulate, name))
         for name, side in (("resolution", self.render.resolution), ("height", self.render.height)):
@@ -323,6 +324,12 @@ class Study:
         if slowest_hz < _LEAST_HZ:
             raise StudyError(
                 f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_LEAST_HZ:g} Hz"
+            )
+        least = max(min(model.contrast_threshold, model.off_threshold) for model in models)
+        if least > _MOST_THRESHOLD:
+            raise StudyError(
+                f"simulate: found a contrast threshold of {least:g}, expected at most "
+                f"{_MOST_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
             )
         if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
             check_buses(self.simulate, self.render)
@@ -424,18 +431,23 @@ def check_buses(simulate: Simulate, render: Render) -> None:
         Names the bus, and the smallest that is enough.
     """
     window_s = render.window_s / max(simulate.speeds)
-    least_mev_s = 1e-6 / window_s
-    buses = {"bus_mev_s": simulate.bus_mev_s} | {
-        f"sensors: {one.name!r}: bus": one.readout.max_rate_hz / 1e6
-        for one in simulate.sensors
-        if one.readout is not None
+    buses = {"bus_mev_s": simulate.readout} | {
+        f"sensors: {one.name!r}: bus": one.readout for one in simulate.sensors
     }
-    for name, found_mev_s in buses.items():
-        if found_mev_s is not None and found_mev_s < least_mev_s:
-            raise StudyError(
-                f"simulate.{name}: found {found_mev_s:g} Mev/s, which carries no event in a "
-                f"window of {1e3 * window_s:g} ms, expected at least {least_mev_s:g}"
-            )
+    for name, bus in buses.items():
+        if bus is None or 1 / (bus.row_overhead_s + 1 / bus.max_rate_hz) >= 1 / window_s:
+            continue
+        overhead_s = bus.row_overhead_s
+        expected = (
+            f"at least {1e-6 / (window_s - overhead_s):g}"
+            if overhead_s < window_s
+            else f"a row_overhead of less than {window_s:g} s"
+        )
+        raise StudyError(
+            f"simulate.{name}: found {bus.max_rate_hz / 1e6:g} Mev/s"
+            f"{f' with a row_overhead of {overhead_s:g} s' if overhead_s else ''}, which carries "
+            f"no event in a window of {1e3 * window_s:g} ms, expected {expected}"
+        )
 
 
 def _check_list(place: str, values: tuple[Any, ...]) -> None:

@@ -158,7 +158,7 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\ne2vid_window_s = 1\ne2vid_events_per_px = 1',
-            "found e2vid_window_s and e2vid_events_per_px, expected one of them",
+            "mine.toml: evaluate.video: found e2vid_window_s and e2vid_events_per_px, expected one",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
@@ -205,7 +205,8 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 10.0',
-            r"mine.toml: .*video: found no image to score with duration_s = 2, run_in_s = 0.5",
+            r"mine.toml: evaluate.video: found no image to score with duration_s = 2, "
+            r"run_in_s = 0.5 and every_s = 10, expected a duration_s of at least 10.5",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.flow]\nmethods = ["initial_flow", "initial_flow"]',

@@ -38,6 +38,17 @@ def test_only_what_is_scored_is_rendered() -> None:
     assert stretch.clip.t_window_end_s == Video().duration_s
 
 
+def test_a_video_longer_than_the_path_is_refused() -> None:
+    """Promise: the error names the field, the scene and its length, which is still possible."""
+    video = Video(methods=("blank",), duration_s=10.5)
+    study = Study(name="video", scenes=("carpet",), evaluate=only(video=video))
+    said = re.escape("evaluate.video.duration_s: found 10.5 s, expected at most the path of carpet")
+    with pytest.raises(StudyError, match=f"{said}, 10 s long"):
+        jobs_of(study, load_scene("carpet"))
+    longest = replace(study, evaluate=only(video=replace(video, duration_s=10.0)))
+    assert jobs_of(longest, load_scene("carpet"))
+
+
 def test_a_scene_with_nothing_to_do_is_named() -> None:
     """Promise: a study with only pose tracking in a room, which has no plane, is an error."""
     study = Study(name="pose", scenes=("room",), evaluate=only(tracking=Tracking()))

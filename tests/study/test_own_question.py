@@ -189,6 +189,15 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ("bus_mev_s = 0", "simulate.bus_mev_s: found 0.0, expected a positive number"),
         ("bus_mev_s = 1e-6", "carries no event in a window of 25 ms, expected at least 4e-05"),
         (
+            "sensors = [{width = 64, bus = 12, row_overhead = 1}]",
+            "'64x64': bus: found 12 Mev/s with a row_overhead of 1 s, which carries no event in a "
+            "window of 25 ms, expected a row_overhead of less than 0.025 s",
+        ),
+        (
+            "sensors = [{width = 64, bus = 1e-4, row_overhead = 0.02}]",
+            "found 0.0001 Mev/s with a row_overhead of 0.02 s, .* expected at least 0.0002",
+        ),
+        (
             'sensors = ["davis364"]',
             r"sensors\[0\]: sensor: found 'davis364'; did you mean 'davis346'",
         ),
@@ -209,6 +218,9 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ('sensors = ["gen3-cd", "dvxplorer"]', "'dvxplorer' and 'gen3-cd', both 640 px wide"),
         ('sensors = ["davis346"]\nwidths = [346]', "and 346 px of simulate.widths, both 346 px"),
         ('sensors = ["none.toml"]', "none.toml: no such file"),
+        ("illuminance_lux = [9, 9]", r"lux: found \(9.0, 9.0\), expected each of them once"),
+        ("speeds_m_s = [2, 2]", r"speeds_m_s: found \(2.0, 2.0\), expected each of them once"),
+        ("contrast_thresholds = [0.2, 30]", "contrast threshold of 30, expected at most 27.7"),
         ('photoreceptors = ["v2e", "v2e"]', "photoreceptors: found .*expected each of them once"),
         ("buss = 3", "simulate.buss: unknown; did you mean 'bus'"),
         ("contrast_thresholds = [1e-12]", "toml: simulate: SensorModel.contrast_threshold: found"),

@@ -283,6 +283,11 @@ def _jobs_on(
     render, simulate, before_s = _on(stretches, study)
     if stretches.continuous_s:
         run_in_s, duration_s = stretches.continuous_s
+        if duration_s > scene.duration_s:
+            raise StudyError(
+                f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
+                f"{scene.name}, {scene.duration_s:g} s long"
+            )
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
         found = _spread_clips(render, scene, simulate, before_s)
