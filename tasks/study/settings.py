@@ -325,10 +325,10 @@ class Study:
             raise StudyError(
                 f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_LEAST_HZ:g} Hz"
             )
-        least = max(min(model.contrast_threshold, model.off_threshold) for model in models)
-        if least > _MOST_THRESHOLD:
+        highest = max(min(model.contrast_threshold, model.off_threshold) for model in models)
+        if highest > _MOST_THRESHOLD:
             raise StudyError(
-                f"simulate: found a contrast threshold of {least:g}, expected at most "
+                f"simulate: found a contrast threshold of {highest:g}, expected at most "
                 f"{_MOST_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
             )
         if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
@@ -435,7 +435,7 @@ def check_buses(simulate: Simulate, render: Render) -> None:
         f"sensors: {one.name!r}: bus": one.readout for one in simulate.sensors
     }
     for name, bus in buses.items():
-        if bus is None or 1 / (bus.row_overhead_s + 1 / bus.max_rate_hz) >= 1 / window_s:
+        if bus is None or bus.row_overhead_s + 1 / bus.max_rate_hz <= window_s:
             continue
         overhead_s = bus.row_overhead_s
         expected = (
