@@ -131,6 +131,7 @@ def simulate_bank(
     models: Sequence[SensorModel],
     *,
     speeds: Sequence[float] | None = None,
+    starts: Sequence[int] | None = None,
     seed: int = 0,
     threads: int | None = None,
     device: str = "cpu",
@@ -147,11 +148,14 @@ def simulate_bank(
         The sensors.
     speeds
         One factor for each model: its frame times are `t_s / speed`. None is 1 for all.
+    starts
+        Index of the first frame that each model sees: it fires as if there were none before. None
+        is 0 for all.
 
     Returns
     -------
     list of Events
-        One for each model, equal to the result of `simulate` for that model.
+        One for each model, equal to the result of `simulate` for that model and its frames.
 
     Raises
     ------
@@ -172,7 +176,7 @@ def simulate_bank(
     >>> [len(events) for events in simulate_bank(frames, t_s, models)]
     [317, 237, 4]
     """
-    return collect(Bank(frames, t_s, models, speeds, seed, threads, device))
+    return collect(Bank(frames, t_s, models, speeds, seed, threads, device, starts))
 
 
 def stream_bank(
@@ -181,6 +185,7 @@ def stream_bank(
     models: Sequence[SensorModel],
     *,
     speeds: Sequence[float] | None = None,
+    starts: Sequence[int] | None = None,
     seed: int = 0,
     threads: int | None = None,
     device: str = "cpu",
@@ -189,7 +194,7 @@ def stream_bank(
 
     Parameters
     ----------
-    frames, t_s, models, speeds, seed, threads, device
+    frames, t_s, models, speeds, starts, seed, threads, device
         As in `simulate_bank`.
 
     Yields
@@ -214,4 +219,4 @@ def stream_bank(
     >>> counts  # 4 and 16 pixels
     [76, 304]
     """
-    yield from Bank(frames, t_s, models, speeds, seed, threads, device).run()
+    yield from Bank(frames, t_s, models, speeds, seed, threads, device, starts).run()

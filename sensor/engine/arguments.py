@@ -70,6 +70,36 @@ def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
     return found
 
 
+def checked_starts(starts: Sequence[int] | None, count: int, frames: int) -> list[int]:
+    """Return the indices of the first frames.
+
+    Parameters
+    ----------
+    starts
+        Index of a frame for each model; None is 0 for all.
+    count, frames
+        Number of models, and of frames.
+
+    Returns
+    -------
+    list of int
+
+    Raises
+    ------
+    SensorError
+        An index is missing, or not that of a frame.
+    """
+    if starts is None:
+        return [0] * count
+    expected = f"{count} indices of frames, one per model, each in 0..{frames - 1}"
+    if not isinstance(starts, Iterable):
+        raise refusal("starts", starts, expected)
+    found = [_within("starts", start, 0, frames - 1, expected) for start in starts]
+    if len(found) != count:
+        raise refusal("starts", starts, expected)
+    return found
+
+
 def checked_seed(seed: int) -> int:
     """Return the seed, or raise; the limit is that of NumPy's generators and of event files."""
     return _within("seed", seed, 0, _LARGEST_SEED, "an integer in 0..2^63 - 1")
@@ -117,15 +147,21 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         )
 
 
-def check_memory(models: list[SensorModel]) -> None:
+def check_memory(models: list[SensorModel], starts: list[int]) -> None:
     """Check that the state of the pixels fits into memory.
+
+    Parameters
+    ----------
+    models, starts
+        The sensors, and the index of the first frame of each.
 
     Raises
     ------
     SensorError
         The state does not fit; the text gives both sizes.
     """
-    needed = sum(least_bytes([models[i] for i in members]) for members in members_by_light(models))
+    groups = members_by_light(models, starts)
+    needed = sum(least_bytes([models[i] for i in members]) for members in groups)
     if needed > (there := memory_bytes()):
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sensor.engine.arguments import (
     check_fit,
@@ -15,6 +16,7 @@ from sensor.engine.arguments import (
     checked_models,
     checked_seed,
     checked_speeds,
+    checked_starts,
     checked_threads,
 )
 from sensor.engine.devices import device_called
@@ -58,19 +60,21 @@ class Bank:
         seed: int,
         threads: int | None,
         device: str = "cpu",
+        starts: Sequence[int] | None = None,
     ) -> None:
         models = checked_models(models)
         self.speeds = checked_speeds(speeds, len(models))
         self.seed = checked_seed(seed)
         self.threads = checked_threads(threads)
         self.t_s = checked_times(t_s)
+        self.starts = checked_starts(starts, len(models), len(self.t_s))
         self._device = device_called(device, self.threads)
         self.reader = self._device.reader(frames, len(self.t_s))
         for speed in {*self.speeds}:
             check_spans(self.t_s / speed, speed)
         for model in models:
             check_fit(model, *self.reader.shape)
-        check_memory(models)
+        check_memory(models, self.starts)
         warn_of_long_intervals(self.t_s)
         warn_of_whole_numbers(self.reader.first)
         if any(m.dark_level is None for m in models):
@@ -103,16 +107,27 @@ class Bank:
         Most parts are views of the columns that the model's `Room` returned last.
         """
         rooms = rooms or [lambda size, _: self._device.room(size)] * len(self.models)
-        groups = self._groups()
-        work = max(group.state.memory.size for group in groups)
+        waiting = deque(
+            sorted(members_by_light(self.models, self.starts), key=lambda one: self.starts[one[0]])
+        )
+        models = [[self.models[i] for i in members] for members in waiting]
+        work = max(len(group) * group[0].width * group[0].height for group in models)
         if self._device.on_gpu:
             work = max(work, self.reader.first.size)  # the frames are there, too
         most = max(1, min(self._device.most_frames, self._device.most_work // work))
-        pieces = Pieces(self.reader.first, [group.models for group in groups])
-        done = 1
+        pieces = Pieces(self.reader.first, models)
+        groups: list[SensorGroup] = []
+        frame, done = self.reader.first, 1
         with self._device.workers() as workers:
-            while done < len(self.t_s):
-                chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
+            while True:
+                while waiting and self.starts[waiting[0][0]] == done - 1:
+                    groups.append(self._started(waiting.popleft(), frame))
+                if done == len(self.t_s):
+                    break
+                wanted = min(most, _FIRST_FRAMES) if done == 1 else most
+                if waiting:
+                    wanted = min(wanted, self.starts[waiting[0][0]] + 1 - done)
+                chunk = self.reader.chunk(done, wanted)
                 end = done + len(chunk)
                 while done < end:
                     rest = chunk[done - end :]
@@ -121,23 +136,23 @@ class Bank:
                     t_s = self.t_s[done - 1 : done + len(piece)]
                     for group in groups:
                         yield from group.advance(piece, done, t_s, rooms, workers)
-                    pieces.learn(len(piece), max(group.fired for group in groups))
+                    pieces.learn(len(piece), max((group.fired for group in groups), default=0))
                     done += len(piece)
+                frame = chunk[len(chunk) - 1]
             self.reader.check_end()
         for group in groups:
             yield from group.finish()
 
-    def _groups(self) -> list[SensorGroup]:
-        return [
-            self._device.group.start(
-                indices,
-                [self.models[i] for i in indices],
-                [self.speeds[i] for i in indices],
-                self.reader.first,
-                self.seed,
-            )
-            for indices in members_by_light(self.models)
-        ]
+    def _started(self, members: list[int], frame: NDArray[np.floating]) -> SensorGroup:
+        """Return the group of some models, whose pixels see this frame first."""
+        return self._device.group.start(
+            members,
+            [self.models[i] for i in members],
+            [self.speeds[i] for i in members],
+            frame.copy_to_host() if hasattr(frame, "copy_to_host") else frame,
+            self.seed,
+            self.starts[members[0]],
+        )
 
 
 def _needs_white(model: SensorModel) -> bool:
@@ -148,7 +163,10 @@ def _needs_white(model: SensorModel) -> bool:
 
 def collect(bank: Bank) -> list[Events]:
     """Run a bank and return the events of each model."""
-    ends_us = [whole_microseconds(bank.t_s[[0, -1]] / speed)[0] for speed in bank.speeds]
+    ends_us = [
+        whole_microseconds(bank.t_s[[start, -1]] / speed)[0]
+        for start, speed in zip(bank.starts, bank.speeds, strict=True)
+    ]
     joined = [_Joined(*map(int, end_us)) for end_us in ends_us]
     for i, events in bank.run([each.room for each in joined]):
         joined[i].append(events)

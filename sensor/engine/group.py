@@ -56,6 +56,7 @@ class SensorGroup:
     state: State
     held: list[Events]  # in the microsecond of the last frame, which the next chunk shares
     ready_us: list[NDArray[np.int64] | None]  # (height, width) end of the refractory periods
+    first: int  # index of the frame at which the group starts; random numbers count from there
     fired: int = 0  # events of all members in the last chunk, before any is removed
 
     @classmethod
@@ -66,8 +67,9 @@ class SensorGroup:
         speeds: list[float],
         frame: NDArray[np.floating],
         seed: int,
+        first: int,
     ) -> SensorGroup:
-        """Initialize the group at the first frame.
+        """Initialize the group at its first frame.
 
         Parameters
         ----------
@@ -77,6 +79,8 @@ class SensorGroup:
             (H, W) linear radiance.
         seed
             Seed of all random numbers.
+        first
+            Index of the frame.
 
         Returns
         -------
@@ -87,7 +91,7 @@ class SensorGroup:
         SensorError
             The radiance is invalid, or too small for a dark level of 0.
         """
-        light = light_of(frame[None], models[0], 0)
+        light = light_of(frame[None], models[0], first)
         pixels = models[0].height * models[0].width
         u = MEMORY.array(pixels)
         log_of_block(light, 0, slice(0, pixels), u)
@@ -112,6 +116,7 @@ class SensorGroup:
                 np.full((m.height, m.width), never_us) if m.refractory_s > 0 else None
                 for m in models
             ],
+            first,
         )
 
     def advance(
@@ -153,7 +158,9 @@ class SensorGroup:
             [photoreceptor_step(each, model.cutoff_hz, model.poles) for each in row]
             for row, model in zip(dt_s, self.models, strict=True)
         ]
-        clock = Clock(index - 1, np.array(steps, STEP), dt_s, after_us, np.diff(frame_us))
+        clock = Clock(
+            index - 1 - self.first, np.array(steps, STEP), dt_s, after_us, np.diff(frame_us)
+        )
         edges = np.linspace(0, self.state.u.size, len(workers.pools) + 1).astype(int).tolist()
         bands = [(k, *band) for k, band in enumerate(itertools.pairwise(edges)) if len({*band}) > 1]
 
@@ -212,11 +219,11 @@ class SensorGroup:
         return events
 
 
-def members_by_light(models: Sequence[SensorModel]) -> list[list[int]]:
-    """Return the indices of the models of each group."""
-    found: dict[tuple[int, int, float | None, float], list[int]] = {}
-    for i, m in enumerate(models):
-        found.setdefault((m.height, m.width, m.dark_level, m.fill_factor), []).append(i)
+def members_by_light(models: Sequence[SensorModel], starts: Sequence[int]) -> list[list[int]]:
+    """Return the indices of the models of each group: those with one light that start together."""
+    found: dict[tuple[int, int, float | None, float, int], list[int]] = {}
+    for i, (m, start) in enumerate(zip(models, starts, strict=True)):
+        found.setdefault((m.height, m.width, m.dark_level, m.fill_factor, start), []).append(i)
     return list(found.values())
 
 

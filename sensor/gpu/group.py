@@ -119,7 +119,7 @@ class _Chunk:
             math.log(self._dark) if self._dark > 0 else 0.0,
             settings.seed,
         )
-        self._first_frame = index - 1
+        self._first_frame = index - 1 - group.first
         blocks = -(-light.shape[1] // kernels.THREADS)
         self._upto = scratch.array("upto", light.shape, np.int32)
         self._base = scratch.array("base", (len(dt_s), blocks), np.int64)

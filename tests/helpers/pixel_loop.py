@@ -78,7 +78,7 @@ def events_of_row(
         (T, P) light, its times, and a model of P x 1 px that knows its dark level.
     """
     pixels = radiance.shape[1]
-    start = SensorGroup.start([0], [model], [1.0], radiance[:1], seed)
+    start = SensorGroup.start([0], [model], [1.0], radiance[:1], seed, 0)
     settings = start.settings
     u, (v1,), (v2,), (memory,) = start.state
     state = np.stack((u, v1, v2, memory) if v1.size else (u, u, u, memory))

@@ -463,7 +463,7 @@ def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
         dataclasses.replace(model, leak_hz=1.0),
         SensorModel(width=50, height=40, dark_level=1.0),
     ]
-    started = group.SensorGroup.start([0, 1, 2], models, [1.0] * 3, light[0], 0)
+    started = group.SensorGroup.start([0, 1, 2], models, [1.0] * 3, light[0], 0, 0)
     arrays = [*started.state, started.settings.hot_hz, *started.ready_us]
     if model.threshold_mismatch:
         arrays += [started.settings.C_on, started.settings.C_off]
@@ -485,7 +485,7 @@ def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
     assert 1e8 < there < 1e15
     count = math.ceil((there + 1) / (24 * (1 << 32)))  # they share 8 bytes a pixel
     with pytest.raises(SensorError, match=rf"and this machine has {there / 1e9:.1f} GB of memory"):
-        arguments.check_memory([model] * count)
+        arguments.check_memory([model] * count, [0] * count)
 
 
 @pytest.mark.parametrize("name", ["leak_hz", "shot_noise_hz", "hot_pixel_hz"])

@@ -102,6 +102,41 @@ def test_bank_equals_single_runs(scene):
         assert (events.width, events.model.cutoff_hz) == (m.width, m.cutoff_hz)
 
 
+@pytest.mark.parametrize("as_array", [True, False])
+def test_a_model_of_a_bank_starts_at_its_own_frame(scene, monkeypatch, as_array):
+    """Promise: what is simulated beside a model, and the frames before its first, change no event,
+    noise included."""
+    frames, t_s = scene
+    rng = np.random.default_rng(1)
+    electronics = [
+        {"cutoff_hz": math.inf},
+        {"cutoff_hz": 50.0, "random_start": True},
+        {"cutoff_hz": 200.0, "shot_noise_hz": 400.0, "leak_hz": 20.0},
+        {"cutoff_hz": 80.0, "photoreceptor": "v2e", "threshold_mismatch": 0.03},
+        {"cutoff_hz": math.inf, "hot_pixel_fraction": 0.1, "hot_pixel_hz": 900.0},
+    ]
+    models = [model(s, dark_level=1e-3, cutoff_reference=1.0 if k == 3 else None, **kind)
+              for s in (48, 13) for k, kind in enumerate(electronics)]  # fmt: skip
+    for most in (24, 5):
+        monkeypatch.setattr(devices, "_CHUNK_FRAMES", most)
+        starts = rng.integers(0, len(t_s), len(models)).tolist()
+        starts[0], starts[1] = len(t_s) - 1, len(t_s) - 2
+        speeds = rng.choice([1.0, 4 / 3, 2.0], len(models)).tolist()
+        source = frames if as_array else iter(frames)
+        together = simulate_bank(source, t_s, models, speeds=speeds, starts=starts, seed=3)
+        for m, start, speed, events in zip(models, starts, speeds, together, strict=True):
+            assert_same(events, simulate(frames[start:], t_s[start:] / speed, m, seed=3))
+    assert sum(map(len, together)) > 10_000
+
+
+@pytest.mark.parametrize("starts", [[0], [0, 25], [-1, 0], [0.5, 0], 3])
+def test_starts_are_indices_of_frames(scene, starts):
+    """Promise: the error names the argument and the range."""
+    frames, t_s = scene
+    with pytest.raises(SensorError, match=r"starts: found .*2 indices .*0\.\.24"):
+        simulate_bank(frames, t_s, [model(13), model(48)], starts=starts)
+
+
 def test_ideal_events_do_not_depend_on_speed(scene):
     """Physics: an ideal pixel sees the same levels in the same order at any speed (claim 5)."""
     frames, t_s = scene
