@@ -1,4 +1,4 @@
-"""Warnings about sequences: a warm-up that is too short, frames that are too far apart."""
+"""Where a sensor's pixels start before a window; warnings about what a sequence lacks for that."""
 
 from __future__ import annotations
 
@@ -6,39 +6,71 @@ import logging
 import math
 
 from eres_render import RadianceSequence
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.trajectory.frame_times import warn_if_far_apart
 
 _log = logging.getLogger(__name__)
 
-_ENOUGH = 6.0  # time constants; the start then has a weight of 1.7 % (two poles)
+TIME_CONSTANTS = 6.0
+"""Of a photoreceptor's poles, before a window: the start then has a weight of 1.7 % (two poles)."""
+
+_TIME_RESOLUTION_S = 1e-9
+_ENOUGH = 0.99  # of a warm-up
+
+
+def needed_s(
+    cutoff_hz: float,
+    speed: float,
+    base_s: float = WARM_UP_S,
+    time_constants: float = TIME_CONSTANTS,
+) -> float:
+    """Return how long a sensor has to see the path before its window: a matter of its own alone.
+
+    Parameters
+    ----------
+    cutoff_hz
+        Corner frequency of each of the photoreceptor's poles; inf needs the base.
+    speed
+        Factor by which the scene moves faster than rendered.
+    base_s
+        The least, s of the path; it lets an ideal pixel's memory forget where it started.
+    time_constants
+        Of the poles.
+
+    Returns
+    -------
+    seconds
+        Of the path.
+    """
+    filter_s = time_constants * speed / (2 * math.pi * cutoff_hz)
+    return base_s if filter_s <= base_s + _TIME_RESOLUTION_S else filter_s
 
 
 def warn_if_short(
     sequence: RadianceSequence, cutoff_hz: float, speed: float, windows_before: int = 0
 ) -> None:
-    """Warn if a sensor's filter still depends on the sequence's start when the window begins.
+    """Warn if a sensor's events still depend on the sequence's start when the window begins.
 
     Parameters
     ----------
     sequence
         The sequence.
-    cutoff_hz
-        Corner frequency of each of the photoreceptor's poles; inf needs no warm-up.
-    speed
-        Factor by which the scene moves faster than rendered; it shortens the warm-up.
+    cutoff_hz, speed
+        As for `needed_s`.
     windows_before
         Number of windows of the same length before the window whose events are used too.
     """
     start_s = float(sequence.t_s[0])
     window_s = sequence.window_s[1] - sequence.window_s[0]
-    seconds = max(0.0, sequence.window_s[0] - windows_before * window_s - start_s) / speed
+    seconds = max(0.0, sequence.window_s[0] - windows_before * window_s - start_s)
+    needs_s = needed_s(cutoff_hz, speed)
     is_continuous = start_s == sequence.window_s[0] == 0  # from the path's start: all is scored
-    time_constants = 2 * math.pi * cutoff_hz * seconds if math.isfinite(cutoff_hz) else math.inf
-    if time_constants < 0.99 * _ENOUGH and not is_continuous:
+    if seconds < _ENOUGH * needs_s and not is_continuous:
+        of_filter = f", {TIME_CONSTANTS:g} time constants of a {cutoff_hz:.3g} Hz filter"
         _log.warning(
-            "the clip's warm-up, %.3g ms, is %.2g time constants of a %.3g Hz filter, expected %g: "
-            "the window's first events still depend on where the sequence starts",
-            *(1e3 * seconds, time_constants, cutoff_hz, _ENOUGH),
+            "the clip's warm-up is %.3g ms of the path, expected %.3g ms%s: the window's first "
+            "events still depend on where the sequence starts; render with a longer --warmup",
+            *(1e3 * seconds, 1e3 * needs_s, of_filter if needs_s > WARM_UP_S else ""),
         )
 
 

@@ -9,6 +9,11 @@ from eres_render.errors import RenderError
 from eres_render.scene.scene import Scene
 from eres_render.storage.json_values import use_python_numbers
 
+WARM_UP_S = 6 * 2 / (2 * math.pi * 50)
+"""How long a sensor sees a path before a window at least, s of the path: six time constants of a
+50 Hz filter at twice the speed."""
+
+_TIME_RESOLUTION_S = 1e-9
 _MOST_CLIPS = 1_000_000
 _LONGEST_S = 1e5  # finding the frame times of more takes hours
 
@@ -23,11 +28,15 @@ class Clip:
         Number of the sample along the path.
     t_start_s, t_window_start_s, t_window_end_s
         Times on the path, s, in this order; the window must not be empty.
+    t_anchor_s
+        A frame time between the start and the window. Frames step from it both ways, so that those
+        after it do not depend on the start; the first frame is the last one at or before the start.
+        None for the start itself.
 
     Raises
     ------
     RenderError
-        If times are negative or not in order, or the window is empty.
+        If times are negative or not in order, the window is empty, or the anchor is the start.
 
     Examples
     --------
@@ -41,6 +50,7 @@ class Clip:
     t_start_s: float
     t_window_start_s: float
     t_window_end_s: float
+    t_anchor_s: float | None = None
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
@@ -49,11 +59,22 @@ class Clip:
                 f"Clip {self.index}: found {self.t_start_s}, {self.t_window_start_s}, "
                 f"{self.t_window_end_s} s, expected 0 <= start <= window start < window end"
             )
+        anchor_s = self.t_anchor_s
+        if anchor_s is not None and not self.t_start_s < anchor_s <= self.t_window_start_s:
+            raise RenderError(
+                f"Clip {self.index}: found an anchor at {anchor_s} s, expected it after the start "
+                f"at {self.t_start_s} s and not after the window's start"
+            )
+
+    @property
+    def anchor_s(self) -> float:
+        """Where frame times are counted from, s: the anchor, or the start."""
+        return self.t_start_s if self.t_anchor_s is None else self.t_anchor_s
 
     @property
     def marks_s(self) -> tuple[float, ...]:
-        """The times that must be frame times exactly."""
-        return tuple(sorted({self.t_start_s, self.t_window_start_s, self.t_window_end_s}))
+        """The times from the anchor on that must be frame times exactly."""
+        return tuple(sorted({self.anchor_s, self.t_window_start_s, self.t_window_end_s}))
 
 
 def clips(
@@ -62,7 +83,8 @@ def clips(
     *,
     every_s: float = 0.5,
     window_s: float = 0.05,
-    warmup_s: float = 0.0382,
+    warmup_s: float = WARM_UP_S,
+    anchor_s: float = WARM_UP_S,
     samples: int | None = None,
 ) -> list[Clip]:
     """Return one clip per sample; sample k's window starts at (k + 1/2) * every_s.
@@ -80,6 +102,9 @@ def clips(
     warmup_s
         Length of a warm-up; by default six time constants of a 50 Hz filter at twice the speed,
         `6 * 2 / (2 pi 50 Hz)`.
+    anchor_s
+        How long before a window the anchor of a longer warm-up lies, s; see `Clip`. The frames
+        after it are those of a warm-up of this length.
     samples
         Number of clips, the first ones; all that fit by default.
 
@@ -126,7 +151,17 @@ def clips(
         raise RenderError(f"samples: found {samples}, expected 1 to {fitting}")
     starts_s = [(k + 0.5) * every_s for k in range(count)]
     end_s = scene.duration_s  # which the last clip may pass by a rounding error
-    return [Clip(k, t - warmup_s, t, min(t + window_s, end_s)) for k, t in enumerate(starts_s)]
+    is_anchored = warmup_s > anchor_s + _TIME_RESOLUTION_S
+    return [
+        Clip(
+            k,
+            t_start_s=t - (warmup_s if is_anchored else min(warmup_s, anchor_s)),
+            t_window_start_s=t,
+            t_window_end_s=min(t + window_s, end_s),
+            t_anchor_s=t - anchor_s if is_anchored else None,
+        )
+        for k, t in enumerate(starts_s)
+    ]
 
 
 def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:

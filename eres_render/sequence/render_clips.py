@@ -37,7 +37,12 @@ from eres_render.sequence.sequence import (
 )
 from eres_render.storage.exr import Compression, to_half
 from eres_render.storage.locks import locked
-from eres_render.trajectory.frame_times import FrameTimes, adaptive_times, warn_if_far_apart
+from eres_render.trajectory.frame_times import (
+    FrameTimes,
+    adaptive_times,
+    earlier_times,
+    warn_if_far_apart,
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False, kw_only=True)
@@ -167,6 +172,10 @@ def clip_in_progress(
             f"{renderer.scene.duration_s:g} s, the duration of {renderer.scene.path_name}"
         )
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
+    if clip.t_anchor_s is not None:
+        times_s = clip.t_anchor_s, clip.t_start_s
+        before_s = earlier_times(renderer.image_motion, *times_s, max_displacement_px)
+        t_s = np.concatenate([before_s, t_s])
     manifest = _manifest(renderer, clip, t_s, max_displacement_px)
     with locked(out_dir / ".lock"), ThreadPoolExecutor(1, thread_name_prefix="exr") as writing:
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory, compression)

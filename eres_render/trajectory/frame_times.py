@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Protocol
 
@@ -299,11 +300,60 @@ def adaptive_times(
         fast that frames would be less than 1e-7 s apart.
     """
     _check(marks_s, max_displacement_px)
+    return np.array([*_adaptive(motion, marks_s, max_displacement_px)])
+
+
+def earlier_times(
+    motion: ImageMotion, anchor_s: float, start_s: float, max_displacement_px: float
+) -> NDArray[np.float64]:
+    """Return frame times before an anchor, from the last one at or before a start on.
+
+    They step back from the anchor as `adaptive_times` steps ahead, so each of them depends on the
+    anchor but not on the start: with an earlier start there are more times, and the same ones.
+
+    Parameters
+    ----------
+    motion
+        Largest motion in the image between two times.
+    anchor_s, start_s
+        Times from 0 on, the start before the anchor.
+    max_displacement_px
+        In pixels at render resolution, positive.
+
+    Returns
+    -------
+    t_s
+        (T,) float64, strictly increasing and before the anchor, in seconds.
+
+    Raises
+    ------
+    RenderError
+        As `adaptive_times`.
+    """
+    marks_s = 0.0, anchor_s  # counted back from the anchor, to the start of the path
+    _check(marks_s, max_displacement_px)
+
+    def backward(t_0_s: float, t_1_s: float) -> float:
+        return motion(max(0.0, anchor_s - t_0_s), max(0.0, anchor_s - t_1_s))
+
+    times = []
+    for back_s in itertools.islice(_adaptive(backward, marks_s, max_displacement_px), 1, None):
+        times.append(anchor_s - back_s)
+        if times[-1] <= start_s:
+            break
+    return np.array(times[::-1])
+
+
+def _adaptive(
+    motion: ImageMotion, marks_s: Sequence[float], max_displacement_px: float
+) -> Iterator[float]:
+    """Yield the times of `adaptive_times`."""
     motion = functools.lru_cache(maxsize=_RECENT)(motion)  # the search repeats calls
-    times = [float(marks_s[0])]
+    t = float(marks_s[0])
+    yield t
     step_s = 1e-4
     for mark_s in map(float, marks_s[1:]):
-        while (t := times[-1]) < mark_s:
+        while t < mark_s:
             # Short strides from below find motion that turns back.
             rest_s = mark_s - t  # t + rest_s may be less than mark_s
             low, high = 0.0, min(0.5 * step_s, _LONGEST_STRIDE_S, rest_s)
@@ -321,8 +371,8 @@ def adaptive_times(
                 step_s = high
                 if high < _LEAST_STEP_S:
                     raise _too_fast(max_displacement_px, high, t)
-            times.append(mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high)
-    return np.array(times)
+            t = mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high
+            yield t
 
 
 def paced_times(

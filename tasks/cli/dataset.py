@@ -9,6 +9,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, Suppress, arg
 
+from eres_render.sequence.clips import WARM_UP_S
 from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
@@ -36,6 +37,7 @@ _OPTIONS = {
     "images_hz": "images",
     "max_displacement_px": "max_displacement",
     "truth_step_s": "truth",
+    "warm_up_s": "warm-up",
 }
 
 
@@ -55,6 +57,7 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
+    warm_up: float = WARM_UP_S,
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
@@ -95,6 +98,9 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time from one ground truth to the next, seconds.
+    warm_up
+        How long the sensor sees the scene before a sequence starts, seconds: enough for 25 Hz. A
+        slower cutoff needs 6 / (2 pi f) seconds.
     stereo
         Add a second camera this far to the right, meters; its data are in each sequence's folder
         right.
@@ -147,6 +153,7 @@ def dataset(
             spp=spp,
             max_displacement_px=max_displacement,
             truth_step_s=truth,
+            warm_up_s=warm_up,
         )
     except TaskError as error:
         name, colon, found = str(error).partition(":")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eres_render import Renderer, Scene
 from eres_render.progress import Progress
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
 from sensor.levels import DARK_FRACTION
@@ -55,10 +56,10 @@ class Outcome:
     setting
         The setting.
     frames, events
-        Their numbers.
+        Their numbers in the stretch.
     psnr_db
-        PSNR of event integration from the setting's own first frame, compared with the last frame
-        of the finest setting.
+        PSNR of event integration from the setting's own frame at the start of the stretch, compared
+        with the last frame of the finest setting.
     """
 
     setting: RenderSetting
@@ -83,6 +84,8 @@ def converge(
     on_progress: Progress,
 ) -> Iterator[Outcome]:
     """Render one stretch in the middle of a path in every setting; yield the results one by one.
+
+    The sensor sees `WARM_UP_S` of the path before the stretch.
 
     Parameters
     ----------
@@ -122,33 +125,37 @@ def converge(
     log_truth: NDArray[np.float64] | None = None
     for setting in settings():
         renderer = base.at(spp=setting.spp)
-        marks_s = (start_s, start_s + duration_s)
+        warm_up_s = max(0.0, start_s - WARM_UP_S)
+        marks_s = (warm_up_s, start_s, start_s + duration_s)
         t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
-        ends: list[NDArray[np.float64]] = []  # log intensity of the first and the last frame
+        first = int(np.searchsorted(t_s, start_s))
+        ends: list[NDArray[np.float64]] = []  # log intensity at the start and the end
 
         def frames(
             setting: RenderSetting = setting,
             renderer: Renderer = renderer,
             t_s: NDArray[np.float64] = t_s,
+            first: int = first,
             ends: list[NDArray[np.float64]] = ends,
         ) -> Iterator[NDArray[np.float32]]:
             for k, (t, pose) in enumerate(zip(t_s, renderer.trajectory.pose(t_s), strict=True)):
                 on_progress(_name(setting), k, len(t_s))
                 frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None, t_s=t)
-                if k in (0, len(t_s) - 1):
+                if k in (first, len(t_s) - 1):
                     ends.append(np.log(frame.astype(np.float64) + dark_level))
                 yield frame
 
         polarity_sum = np.zeros((resolution, resolution), np.float64)
         count = 0
         for events in stream(frames(), t_s, model):
-            polarity_sum += events.polarity_sum()
-            count += len(events)
+            inside = events.between(*(round(1e6 * t) for t in marks_s[1:]))
+            polarity_sum += inside.polarity_sum()
+            count += len(inside)
         if log_truth is None:
             log_truth = ends[1]
         sample = ReconstructionSample(ends[0], polarity_sum, CONTRAST_THRESHOLD)
         psnr = psnr_db(reconstruct(sample), log_truth, log_white_level(log_truth))
-        yield Outcome(setting, len(t_s), count, psnr)
+        yield Outcome(setting, len(t_s) - first, count, psnr)
 
 
 def _name(setting: RenderSetting) -> str:

@@ -176,6 +176,7 @@ def _collect(
             sequence.t_s,
             [sensor.setting.model for sensor in sensors],
             speeds=[sensor.setting.speed for sensor in sensors],
+            starts=[_first_frame(sequence, sensor.setting) for sensor in sensors],
         )
         pushes: list[Future[None]] = []
         for batch in _batches(events_of_all):
@@ -186,6 +187,11 @@ def _collect(
             pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
         with stopwatch("collecting"):
             _finish(pushes)
+
+
+def _first_frame(sequence: RadianceSequence, setting: Setting) -> int:
+    """Return the index of the first frame that a sensor sees."""
+    return max(0, int(np.searchsorted(sequence.t_s, setting.t_start_s, side="right")) - 1)
 
 
 def _finish(pushes: Iterable[Future[None]]) -> None:

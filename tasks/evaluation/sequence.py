@@ -16,7 +16,7 @@ from tasks.evaluation.setting import Setting
 from tasks.methods import check_method
 from tasks.registry import TASKS, load
 from tasks.row import Row
-from tasks.warm_up import warn_if_coarse, warn_if_short
+from tasks.warm_up import needed_s, warn_if_coarse, warn_if_short
 
 
 def evaluate_sequence(
@@ -103,5 +103,7 @@ def evaluate_sequence(
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     start_us, end_us = (round(t_s / speed * 1e6) for t_s in sequence.window_s)
-    setting = Setting(model, speed, start_us, end_us)
+    start_s, end_s = sequence.window_s
+    t_start_s = start_s - windows_before * (end_s - start_s) - needed_s(cutoff_hz, speed)
+    setting = Setting(model, speed, start_us, end_us, t_start_s=t_start_s)
     return evaluate(sequence, truth, [setting], {task: settings}, on_progress).rows

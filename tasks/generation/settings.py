@@ -13,6 +13,7 @@ import numpy as np
 
 from eres_render.errors import check_positive, check_spp
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
@@ -22,10 +23,10 @@ from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.warm_up import needed_s
 
 FILE_NAME = "dataset.json"
 
-_WARM_UP = 6.0  # time constants of the slowest filter
 _LEAST_HZ = 0.01  # warms up for a minute and a half
 _MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
 _WIDEST_M = 0.3  # largest baseline of a pair of cameras
@@ -67,6 +68,9 @@ class DatasetSettings:
         Largest motion in the image between two frames, px.
     truth_step_s
         Time between the images of the ground truth, s.
+    warm_up_s
+        How long the sensor sees the scene before a sequence starts, s; rounded up to whole
+        microseconds.
     scene_version
         Version of the generator of scenes.
 
@@ -91,11 +95,13 @@ class DatasetSettings:
     spp: int = 4
     max_displacement_px: float = 0.5
     truth_step_s: float = 0.05
+    warm_up_s: float = WARM_UP_S
     scene_version: int = SCENE_VERSION
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
         object.__setattr__(self, "cutoffs_hz", tuple(float(hz) for hz in self.cutoffs_hz))
+        object.__setattr__(self, "warm_up_s", _whole_microseconds(self.warm_up_s))
 
         def check(name: str, holds: bool, expected: str) -> None:
             if not holds:
@@ -112,6 +118,12 @@ class DatasetSettings:
             "cutoffs_hz", different and positive, "positive numbers of Hz that differ in six digits"
         )
         check("cutoffs_hz", min(cutoffs) >= _LEAST_HZ, f"at least {_LEAST_HZ:g} Hz")
+        needs_s = needed_s(min(cutoffs), 1.0, self.warm_up_s)
+        check(
+            "warm_up_s",
+            needs_s == self.warm_up_s,
+            f"at least {_whole_microseconds(needs_s):g} s for {min(cutoffs):g} Hz",
+        )
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
@@ -139,11 +151,6 @@ class DatasetSettings:
             self.models(0, 1.0)
         except SensorError as error:
             raise TaskError(str(error)) from error
-
-    @property
-    def warm_up_s(self) -> float:
-        """How long the sensor sees the scene before a sequence starts, s; whole microseconds."""
-        return math.ceil(1e6 * _WARM_UP / (2 * math.pi * min(self.cutoffs_hz))) / 1e6
 
     def models(self, number: int, white_level: float) -> dict[str, SensorModel]:
         """Return the sensors of a sequence.
@@ -192,6 +199,10 @@ class DatasetSettings:
         return np.random.default_rng([self.seed, number, 1])
 
 
+def _whole_microseconds(seconds: float) -> float:
+    return math.ceil(round(1e6 * seconds, 3)) / 1e6
+
+
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
     """Write the settings of a dataset into its folder, or check that they match those in it.
 
@@ -212,7 +223,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
     file, table = out / FILE_NAME, _table(settings)
     if file.exists():
         old = read_json(dict[str, Any], file, TaskError)
-        old = _with_photoreceptor(old)
+        old = _with_later_fields(old)
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
@@ -232,8 +243,11 @@ def _table(settings: DatasetSettings) -> dict[str, Any]:
     return table
 
 
-def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a table with a photoreceptor; older files store its number of poles instead."""
+def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a table with the fields of today: older files have a number of poles instead of a
+    photoreceptor, and no warm-up, which was six time constants of the slowest cutoff."""
+    slowest_hz = min(map(float, table.get("cutoffs_hz", ["inf"])))
+    table = {"warm_up_s": _whole_microseconds(needed_s(slowest_hz, 1.0, 0.0)), **table}
     pixel = dict(table.get("pixel", {}))
     if "poles" not in pixel:
         return table

@@ -62,6 +62,7 @@ PRESETS = {
             illuminance_lux=(math.inf, *SLIDER_LUX),
             speeds=(1.0, 2.0, 3.0),
             same_lens=True,
+            warm_up_s=6 * 3 / (2 * math.pi * 51),  # of the slowest sensor at the highest speed
         ),
         evaluate=Evaluate(
             flow=Flow(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from eres_render.errors import check_spp, nearest
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.errors import SensorError
@@ -17,6 +18,7 @@ from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
 from tasks.registry import TASKS
 from tasks.study.sensors import Light, StudySensor, bus_of, light_at, plain_sensor, with_pixels
+from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
     from sensor import Readout
@@ -112,8 +114,10 @@ class Simulate:
         Factors on the base speed of the camera.
     dark_fraction
         Dark level as a fraction of the scene's white level.
+    warm_up_s
+        Warm-up before a window at least, seconds of the path.
     warmup_time_constants
-        Warm-up before a window, in time constants of the slowest filter at the highest speed.
+        Warm-up before a window at least, in time constants of a sensor's own filter at its speed.
     photoreceptors
         Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`. "two_pole" becomes the
         first, which the report shows in full.
@@ -142,13 +146,14 @@ class Simulate:
     contrast_thresholds: tuple[float, ...] = (0.2,)
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
-    warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
+    warmup_time_constants: float = field(default=TIME_CONSTANTS, metadata=MAY_BE_ZERO)
     photoreceptors: tuple[Photoreceptor, ...] = ("two_pole",)
     sensors: tuple[StudySensor, ...] = ()
     illuminance_lux: tuple[FloatOrInf, ...] | None = None
     speeds_m_s: tuple[float, ...] | None = None
     bus_mev_s: float | None = None
     same_lens: bool | None = None
+    warm_up_s: float = field(default=WARM_UP_S, metadata=MAY_BE_ZERO)
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
@@ -182,18 +187,32 @@ class Simulate:
         plain = [(width, render.height_at(width)) for width in self.widths]
         return [*plain, *((one.width, one.height) for one in self.sensors)]
 
+    def warm_up_of(self, cutoff_hz: float, speed: float) -> float:
+        """Return the warm-up of a sensor at a speed, s of the path, whatever is beside it.
+
+        Parameters
+        ----------
+        cutoff_hz, speed
+            As for `tasks.warm_up.needed_s`.
+
+        Returns
+        -------
+        seconds
+        """
+        return needed_s(cutoff_hz, speed, self.warm_up_s, self.warmup_time_constants)
+
     @property
-    def warmup_s(self) -> float:
-        """Warm-up before each window, seconds of the path."""
+    def longest_warm_up_s(self) -> float:
+        """The longest warm-up of all sensors, seconds of the path."""
         plain = self.cutoffs_hz if self.widths else ()
         named = (model.cutoff_hz for one in self.sensors for model in one.in_light)
-        slowest_hz = min([*plain, *named], default=math.inf)
-        return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * slowest_hz)
+        return self.warm_up_of(min([*plain, *named], default=math.inf), max(self.speeds))
 
     @property
     def decides(self) -> dict[str, object]:
         """Fields that name results. Those added later are included only if they are used."""
         found = {one.name: getattr(self, one.name) for one in fields(self)}
+        del found["warm_up_s"]  # the clip holds it
         readings = found.pop("photoreceptors")
         if readings != ("two_pole",):
             found["photoreceptor"] = readings[0] if len(readings) == 1 else readings

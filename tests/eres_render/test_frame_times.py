@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from eres_render import RenderError, load_scene
-from eres_render.trajectory.frame_times import adaptive_times, paced_times, plane_image_motion
+from eres_render.trajectory.frame_times import (
+    adaptive_times,
+    earlier_times,
+    paced_times,
+    plane_image_motion,
+)
 
 MARKS_S = (0.2118, 0.25, 0.3)
 
@@ -28,6 +33,26 @@ def test_each_step_moves_the_image_by_the_limit_unless_a_mark_cuts_it_short(moti
     assert steps.max() <= limit_px * (1 + 1e-5)
     cut_short = np.isin(t_s[1:], MARKS_S)
     np.testing.assert_allclose(steps[~cut_short], limit_px, rtol=1e-5)
+
+
+def test_times_before_an_anchor_do_not_depend_on_how_many_there_are(motion):
+    """Promise: an earlier start adds times and moves none; each step moves the image by the limit,
+    and the last one back reaches the start or passes it."""
+    longest = earlier_times(motion, 0.25, 0.02, 0.5)
+    for start_s in (0.2499999, 0.2, float(longest[40]), 0.02):
+        t_s = earlier_times(motion, 0.25, start_s, 0.5)
+        np.testing.assert_array_equal(t_s, longest[-len(t_s) :])
+        assert t_s[0] <= start_s
+        assert np.all(t_s[1:] > start_s)
+    steps = [motion(b, a) for a, b in pairwise([*longest.tolist(), 0.25])]
+    np.testing.assert_allclose(steps, 0.5, rtol=1e-5)
+
+
+def test_times_before_an_anchor_end_at_the_start_of_the_path():
+    np.testing.assert_allclose(
+        earlier_times(lambda a, b: 100 * abs(b - a), 0.025, 0.0, 1.0), [0.0, 0.005, 0.015]
+    )
+    np.testing.assert_array_equal(earlier_times(lambda a, b: 0.0, 0.3, 0.1, 1.0), [0.0])
 
 
 def test_steady_motion_gives_even_steps():

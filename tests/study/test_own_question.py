@@ -268,7 +268,7 @@ def test_the_warmup_is_that_of_the_sensors(tmp_path) -> None:
     )
     alone = 'sensors = [{name = "fast", width = 64, profile = "fast.toml"}]\nilluminance_lux = [1]'
     study = read(tmp_path, f"{alone}\nspeeds = [1]", QUIET)
-    assert study.simulate.warmup_s == pytest.approx(6 / (2 * math.pi * 10))
+    assert study.simulate.longest_warm_up_s == pytest.approx(6 / (2 * math.pi * 10))
     assert jobs_of(study, load_scene("carpet"))
     with pytest.raises(StudyError, match="6 time constants of 3 Hz at speed 1"):
         jobs_of(
@@ -437,14 +437,15 @@ def test_events_that_a_bus_delays_do_not_reach_the_methods_in_time(rows) -> None
 
 def test_a_noisy_sensor_and_one_with_two_thresholds_are_simulated_and_scored(rows) -> None:
     """Physics: a leak of 20 Hz and 5 % of the pixels at 500 Hz add up to 45 events a second to a
-    pixel. With twice the OFF threshold a pixel that goes back and forth fires half as often or
-    less, and the image, integrated with both thresholds, still gains."""
+    pixel. With twice the OFF threshold a pixel that goes back and forth fires as often when light
+    rises and half as often when it falls, or less, and the image, integrated with both
+    thresholds, still gains."""
     free_gain, free_rate_hz, _ = in_ideal_light(rows, "")
     gain, rate_hz, _ = in_ideal_light(rows, "noisy")
     assert 20.0 < rate_hz - free_rate_hz < 45.0
     assert 0.0 < gain < free_gain
     gain, rate_hz, _ = in_ideal_light(rows, "apart")
-    assert rate_hz < 0.55 * free_rate_hz
+    assert rate_hz < 0.75 * free_rate_hz
     assert 0.25 * free_gain < gain < free_gain
 
 

@@ -19,6 +19,7 @@ import pytest
 from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.rendering.backend import select_variant
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
@@ -491,7 +492,7 @@ def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StudyError, match="found a file"):
         run_study(study, tmp_path / "file")
-    assert PRESETS["quick"].simulate.warmup_s == pytest.approx(6 * 2 / (2 * np.pi * 50))
+    assert PRESETS["quick"].simulate.longest_warm_up_s == WARM_UP_S
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "report.html").write_text("my own")
     with pytest.raises(StudyError, match=r"mine: found report.html without study.json, expected"):

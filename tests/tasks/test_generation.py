@@ -14,6 +14,7 @@ import pytest
 from distributed import LocalCluster
 
 from eres_render import ground_truth, open_sequence
+from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.locks import locked
 from eres_render.trajectory.rig import to_the_right
 from sensor.formats import load_events, read_header
@@ -110,12 +111,12 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
         thresholds.add(ideal.model.contrast_threshold)
         assert ideal.origin == slow.origin
         start_us, end_us = (ideal.origin[f"window_{name}_us"] for name in ("start", "end"))
-        assert start_us == np.ceil(6e6 / (2 * np.pi * 200))  # six time constants
+        assert start_us == np.ceil(1e6 * WARM_UP_S)  # whatever the cutoffs
         assert end_us - start_us == 30_000
         with h5py.File(folder / FILES[0]) as one, h5py.File(folder / FILES[1]) as other:
             assert set(one["truth"]) == set(other["truth"])
             assert {"instances", "flow_occluded", "T_world_object"} <= set(one["truth"])
-            assert len(one["imu/t_us"]) == 1 + int(500 * 34.775e-3)
+            assert len(one["imu/t_us"]) == 1 + int(500 * 68.198e-3)
             for group in ("truth", "imu"):
                 for name in one[group]:
                     np.testing.assert_array_equal(one[group][name], other[group][name])
@@ -207,7 +208,11 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--exposure", 0.01], "images: found None, expected a rate with an exposure"),
         (["--truth", 1e-7], "truth: found 1e-07, expected at least a microsecond"),
         (["--max-displacement", 0], "max_displacement: found 0.0, expected a positive number"),
-        (["--images", 1, "--seconds", 0.002], "exposure: found 0.005, expected at most 0.002 s"),
+        (
+            ["--images", 1, "--seconds", 0.002, "--warm-up", 0],
+            "exposure: found 0.005, expected at most 0.002 s",
+        ),
+        (["--cutoffs", 20], "warm-up: found 0.038198, expected at least 0.0477465 s for 20 Hz"),
     ],
 )
 def test_senseless_options_are_refused(tmp_path, eres, options, found):

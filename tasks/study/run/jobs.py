@@ -103,6 +103,8 @@ class Job:
                 distance=self.render.seen_px(model.width, model.height)[0] / model.width
                 if same_lens
                 else 1.0,
+                t_start_s=self.clip.anchor_s
+                - (sensors.warm_up_of(model.cutoff_hz, speed) - sensors.warm_up_s),
             )
             for sensor, light, model in sensors.models(self.render)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
@@ -339,8 +341,13 @@ def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
     """Return the study's samples, spread evenly over the path; all that fit by default."""
     _check_path(render, scene)
-    warmup_s = simulate.warmup_s + before_s
-    fitting = clips(scene, every_s=render.every_s, window_s=render.window_s, warmup_s=warmup_s)
+    fitting = clips(
+        scene,
+        every_s=render.every_s,
+        window_s=render.window_s,
+        warmup_s=simulate.longest_warm_up_s + before_s,
+        anchor_s=simulate.warm_up_s + before_s,
+    )
     count = len(fitting) if render.samples is None else render.samples
     if not 1 <= count <= len(fitting):
         raise StudyError(
@@ -352,29 +359,37 @@ def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: fl
 
 def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Scene) -> None:
     """Refuse a warm-up longer than the time between samples; name values that suit all tasks."""
-    needs_s = [simulate.warmup_s + before_s for _, simulate, before_s in stretches]
+    needs_s = [simulate.longest_warm_up_s + before_s for _, simulate, before_s in stretches]
     if not stretches or max(needs_s) <= 0.5 * stretches[0][0].every_s:
         return
     render, simulate, before_s = stretches[int(np.argmax(needs_s))]
     room_s = 0.5 * render.every_s
-    slowest_hz, lux, name = _slowest(simulate)
-    earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
+    reason = f"warm_up_s = {simulate.warm_up_s:g}"
     nearest = []
-    if all(before_s < room_s for *_, before_s in stretches):
-        factor = max(one.warmup_s / (room_s - before_s) for _, one, before_s in stretches)
-        least_hz = factor * slowest_hz
-        least_lux = factor * lux or least_hz / cutoff_in_light(1.0)
-        nearest.append(
-            f"at least {_rounded(least_hz, math.ceil)} Hz ({_rounded(least_lux, math.ceil)} lux)"
+    if simulate.longest_warm_up_s > simulate.warm_up_s:
+        slowest_hz, lux, name = _slowest(simulate)
+        reason = (
+            f"{simulate.warmup_time_constants:g} time constants of {slowest_hz:g} Hz{name} at "
+            f"speed {max(simulate.speeds):.3g}"
         )
+        if all(one.warm_up_s + before_s < room_s for _, one, before_s in stretches):
+            factor = max(
+                one.longest_warm_up_s / (room_s - before_s) for _, one, before_s in stretches
+            )
+            least_hz = factor * slowest_hz
+            least_lux = factor * lux or least_hz / cutoff_in_light(1.0)
+            nearest.append(
+                f"at least {_rounded(least_hz, math.ceil)} Hz "
+                f"({_rounded(least_lux, math.ceil)} lux)"
+            )
     every_s = _rounded(2 * max(needs_s), math.ceil)
     if all(float(every_s) <= _most_s(one, scene) for one, *_ in stretches):
         nearest.append(f"every_s = {every_s}")
+    earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
     raise StudyError(
-        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, "
-        f"{simulate.warmup_time_constants:g} time constants of {slowest_hz:g} Hz{name} at speed "
-        f"{max(simulate.speeds):.3g}{earlier}, expected at most {room_s:g} s, half of "
-        f"render.every_s{': ' if nearest else ''}{', or '.join(nearest)}"
+        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, {reason}"
+        f"{earlier}, expected at most {room_s:g} s, half of render.every_s"
+        f"{': ' if nearest else ''}{', or '.join(nearest)}"
     )
 
 

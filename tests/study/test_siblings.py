@@ -1,0 +1,94 @@
+"""A row depends on its own setting alone: not on what the study has beside it."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from eres_render import load_scene, render_scene
+from eres_render.progress import silent
+from small_study import only
+from tasks.evaluation.sequence import evaluate_sequence
+from tasks.study.config import DenseFlow, Flow, Reconstruction, Render, Simulate, Study, Tracking
+from tasks.study.run.compute import compute_job
+from tasks.study.run.jobs import QueuedJob, jobs_of
+
+RENDER = Render(resolution=64, spp=1, max_displacement_px=0.5, samples=1)
+EVALUATE = only(
+    reconstruction=Reconstruction(),
+    flow=Flow(methods=("contrast_maximization", "initial_flow"), features=3),
+    dense_flow=DenseFlow(methods=("zero_flow",), features=2),
+    tracking=Tracking(sigmas_mm=(5.0,), max_events=2000),
+)
+ALONE = Simulate(widths=(32,), cutoffs_hz=(math.inf,), speeds=(1.0,))
+# Each shares one setting with every other one, or nothing but that setting: 32 px, C = 0.2,
+# speed 1, two poles, in ideal light or at 200 Hz, at the first sample.
+STUDIES = {
+    "ideal alone": ALONE,
+    "day alone": replace(ALONE, cutoffs_hz=(200.0,)),
+    "slow and fast": replace(
+        ALONE,
+        widths=(16, 32, 64),
+        cutoffs_hz=(10.0, 200.0, math.inf, 50.0),
+        speeds=(2.0, 1.0, 0.5),
+        photoreceptors=("two_pole", "v2e", "one_pole"),
+    ),
+    "other thresholds": replace(
+        ALONE, cutoffs_hz=(math.inf, 200.0, 1000.0), contrast_thresholds=(0.4, 0.1, 0.2)
+    ),
+}
+
+
+def rows_of(simulate, samples=1):
+    """Return the rows of the first sample of a study on the carpet, by what names them."""
+    study = Study(
+        name="siblings",
+        scenes=("carpet",),
+        render=replace(RENDER, samples=samples),
+        simulate=simulate,
+        evaluate=EVALUATE,
+    )
+    jobs = [job for job in jobs_of(study, load_scene("carpet")) if job.clip.index == 0]
+    rows = [r for job in jobs for r in compute_job(QueuedJob(job, job.key, False), silent).rows]
+    return {replace(row, value=0.0, event_rate_hz=0.0): row for row in rows}
+
+
+@pytest.fixture(scope="module")
+def studies():
+    samples = {"other thresholds": 3}
+    return {name: rows_of(one, samples.get(name, 1)) for name, one in STUDIES.items()}
+
+
+def test_a_row_alone_equals_the_row_beside_others(studies):
+    """Promise: to the bit, beside slower, faster and ideal light, other widths, speeds,
+    thresholds, photoreceptors and samples. The warm-up of 10 Hz at speed 2 is five times that of
+    the others, and ideal light alone needs none for its filter."""
+    shared = 0
+    for name in ("ideal alone", "day alone"):
+        for other in ("slow and fast", "other thresholds"):
+            for key, row in studies[name].items():
+                assert studies[other][key] == row, (name, other, row.task, row.method)
+                shared += 1
+    assert shared == 2 * 2 * (2 + 6 + 2 + 2)
+    assert len(studies["slow and fast"]) > 20 * len(studies["ideal alone"])
+
+
+def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):
+    """Promise: on the frames of `eres render`, whose warm-up may be longer than a setting needs."""
+    render = {"resolution": 64, "spp": 1, "samples": 1}
+    (clip,) = render_scene(load_scene("carpet"), tmp_path, warmup_s=0.2, **render)
+    methods = "event_integration", "no_events"
+    asked = [
+        row
+        for row in studies["slow and fast"].values()
+        if (row.task, row.width, row.photoreceptor) == ("reconstruction", 32, "two_pole")
+    ]
+    found = [
+        row.value
+        for cutoff_hz, speed in dict.fromkeys((row.cutoff_hz, row.speed) for row in asked)
+        for row in evaluate_sequence(
+            *(clip, "reconstruction"), methods=methods, width=32, cutoff_hz=cutoff_hz, speed=speed
+        )
+    ]
+    assert found == [row.value for row in asked]
+    assert len(found) == 2 * 4 * 3
