@@ -36,7 +36,7 @@ PRESETS = {
                     "initial_flow",
                 ),
                 native_patch=True,
-                fast_methods=("contrast_maximization", "initial_flow"),
+                fast_methods=("photometric_flow", "contrast_maximization", "initial_flow"),
                 fast_scenes=("carpet",),
             ),
             tracking=Tracking(
