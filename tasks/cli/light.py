@@ -103,7 +103,8 @@ def render(
         Seed of the pixel sampler, the same for every frame.
     warmup
         Length of a clip before its window, seconds; by default 0.0382, six time constants of a
-        50 Hz filter at twice the speed. Dense flow needs 0.05 more.
+        50 Hz filter at twice the speed. Dense flow needs 0.05 more. A longer one adds frames and
+        changes none.
     """
     from eres_render import load_scene, render_scene
     from tasks.cli.progress_bar import progress_bar
