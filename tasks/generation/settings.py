@@ -122,7 +122,7 @@ class DatasetSettings:
         check(
             "warm_up_s",
             needs_s == self.warm_up_s,
-            f"at least {_whole_microseconds(needs_s):g} s for {min(cutoffs):g} Hz",
+            f"at least {_whole_microseconds(needs_s):.10g} s for {min(cutoffs):g} Hz",
         )
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")

@@ -98,13 +98,19 @@ def test_anything_else_is_refused(value):
 
 
 def test_every_value_of_a_part_is_in_its_key():
-    """Promise: each field of light, sensors and tasks changes it, except the number of samples."""
+    """Promise: each field of light, sensors and tasks changes it, except the number of samples, and
+    the least warm-up, which is in the clip."""
     for job in (jobs_of(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
+        anchor_s = 0.5 * (job.clip.t_start_s + job.clip.t_window_start_s)
         keys = {job.key}
+        job = dataclasses.replace(job, clip=dataclasses.replace(job.clip, t_anchor_s=anchor_s))
+        assert job.key not in keys
+        keys.add(job.key)
         for section in ("clip", "render", "simulate"):
             for changed, place in changes(getattr(job, section)):
                 found = dataclasses.replace(job, **{section: changed}).key
-                assert (found in keys) == (place == ".samples"), f"{section}{place}"
+                elsewhere = place in (".samples", ".warm_up_s")
+                assert (found in keys) == elsewhere, f"{section}{place}"
                 keys.add(found)
         for task, settings in job.evaluate.items():
             for changed, place in changes(settings):
