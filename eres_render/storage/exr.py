@@ -1,4 +1,4 @@
-"""Read and write single-channel OpenEXR images."""
+"""Read and write OpenEXR images; those that we write have one channel."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import functools
 import io
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import OpenEXR
@@ -23,6 +23,9 @@ Compression = Literal["zip", "none"]
 
 _COMPRESSIONS = {"zip": OpenEXR.ZIP_COMPRESSION, "none": OpenEXR.NO_COMPRESSION}
 _LEAST_TOO_LARGE = 65520  # rounds to infinity in half precision
+# CIE x and y of red, green, blue and white of Rec. 709, the primaries of a file that names none.
+_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+_DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 _silencing = threading.Lock()
 
 
@@ -112,13 +115,22 @@ def write_channels(
     write_bytes(path, data.getbuffer())
 
 
-def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:
-    """Read the image of channel Y.
+def read_luminance(
+    path: Path, *, layer: str | None = None, intact: bool = False
+) -> NDArray[np.float32]:
+    """Read the luminance of an image, on its display window.
+
+    It is channel Y, or comes from R, G and B with the weights of the file's `chromaticities`
+    (Rec. 709 by default). Outside the data window it is 0.
 
     Parameters
     ----------
     path
         The file.
+    layer
+        The layer to read, as "ViewLayer.Combined" for ViewLayer.Combined.R; in a file of several
+        parts the part, or part and layer. By default channels without a layer, else the only
+        layer with light, else Blender's Combined.
     intact
         Whether the file is known to be undamaged. If not, stdout and stderr of the process are
         silent during the reading, because the library prints its errors there.
@@ -131,10 +143,124 @@ def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:
     Raises
     ------
     RenderError
-        If the file is missing, truncated or not an image with a channel Y.
+        If the file is missing, truncated or no image with light, or the layer is not clear.
     """
-    with _open(path, silent=not intact) as file:
-        return np.asarray(file.channels()["Y"].pixels, dtype=np.float32)
+    chosen = find_layer(path, layer, intact=intact)
+    prefix = chosen.prefix
+    with _open(path, expected="a whole image", silent=not intact) as file:
+        part = {one.part_index: one for one in file.parts}[chosen.part]  # damaged ones are left out
+        header, channels = part.header, part.channels
+        if prefix + "Y" in channels:
+            image = np.asarray(channels[prefix + "Y"].pixels, dtype=np.float32)
+        else:
+            weights = _luminance_weights(header.get("chromaticities", _REC709))
+            red, green, blue = (np.asarray(channels[prefix + c].pixels, np.float32) for c in "RGB")
+            with np.errstate(invalid="ignore"):  # of infinite colors
+                image = weights[0] * red + weights[1] * green + weights[2] * blue
+        return _on_display(image, header)
+
+
+class Layer(NamedTuple):
+    """Channels of a file that hold light."""
+
+    name: str
+    """Of the part and the layer."""
+    part: int
+    prefix: str
+    """Of the channels' names."""
+    has_alpha: bool
+    corner: tuple[int, int]
+    """First column and row of the display window."""
+
+
+def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -> Layer:
+    """Find the layer that `read_luminance` reads.
+
+    Parameters
+    ----------
+    path, wanted, intact
+        As `path`, `layer` and `intact` there.
+
+    Returns
+    -------
+    Layer
+
+    Raises
+    ------
+    RenderError
+        If the file is missing or no image with light, or the layer is not clear.
+    """
+    layers, names = [], []
+    with _open(path, header_only=True, expected="an image", silent=not intact) as file:
+        for part in file.parts:
+            own = [channel.name for channel in part.header["channels"]]
+            names += own
+            if part.type() not in _DEEP:
+                column, row = part.header["displayWindow"][0].tolist()
+                for prefix in _prefixes(own):
+                    name, alpha = _layer_name(part.name(), prefix), prefix + "A" in own
+                    layers.append(Layer(name, part.part_index, prefix, alpha, (column, row)))
+    if not layers:
+        raise RenderError(
+            f"{path}: found channels {', '.join(names)}, expected Y, or R, G and B, with one value "
+            "a pixel"
+        )
+    if wanted is not None:
+        choices = [[one for one in layers if one.name == wanted]]
+    else:
+        choices = [
+            [one for one in layers if not one.prefix],
+            layers,
+            [one for one in layers if one.name.rpartition(".")[2] == "Combined"],
+        ]
+    for choice in choices:
+        if len(choice) == 1:
+            return choice[0]
+    listed = ", ".join(one.name or "(none)" for one in layers)
+    expected = "one; name it with --layer" if wanted is None else f"{wanted!r}, as --layer says"
+    raise RenderError(f"{path}: found layers {listed}, expected {expected}")
+
+
+def _prefixes(names: list[str]) -> list[str]:
+    """Return what stands before R, G and B, or before a Y without a layer: "" or "layer."."""
+    prefixes = dict.fromkeys(name[: name.rfind(".") + 1] for name in names)
+    return [
+        prefix
+        for prefix in prefixes
+        if {prefix + c for c in "RGB"} <= set(names) or (prefix == "" and "Y" in names)
+    ]
+
+
+def _layer_name(part: str, prefix: str) -> str:
+    """Return the name of a layer; Blender repeats the part in it."""
+    layer = prefix.removesuffix(".")
+    return layer if layer.startswith(part) else f"{part}.{layer}".removesuffix(".")
+
+
+def _luminance_weights(chromaticities: Sequence[float]) -> NDArray[np.float32]:
+    """Return the weights of linear red, green and blue, from CIE x and y of them and of white.
+
+    They are the row of Y in the matrix to XYZ: the primaries, scaled so that they add up to white.
+    """
+    x, y = np.reshape(chromaticities, (4, 2)).T.astype(np.float64)
+    xyz = np.stack([x, y, 1 - x - y])  # a column for each
+    scales = np.linalg.solve(xyz[:, :3], xyz[:, 3] / y[3])
+    return np.asarray(scales * y[:3], np.float32)
+
+
+def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArray[np.float32]:
+    """Return an image of the data window on the display window, 0 elsewhere."""
+    first, last = header["displayWindow"]
+    start = header["dataWindow"][0] - first  # of the data, in the display window
+    size = last - first + 1
+    if not start.any() and image.shape == (size[1], size[0]):
+        return image
+    shown = np.zeros((size[1], size[0]), np.float32)
+    low = np.clip(start, 0, size)
+    high = np.clip(start + image.shape[::-1], low, size)
+    (left, top), (right, bottom) = low - start, high - start
+    shown[low[1] : high[1], low[0] : high[0]] = image[top:bottom, left:right]
+    return shown
 
 
 def read_half(path: Path) -> NDArray[np.float16]:
@@ -156,22 +282,6 @@ def read_half(path: Path) -> NDArray[np.float16]:
     """
     with _open(path) as file:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float16)
-
-
-def read_channels(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Read all channels of an image.
-
-    Returns
-    -------
-    (H, W) float32 each, by name.
-
-    Raises
-    ------
-    RenderError
-        If the file is missing, truncated or not an image.
-    """
-    with _open(path, expected="a whole image", separate=True) as file:
-        return {name: np.asarray(one.pixels, np.float32) for name, one in file.channels().items()}
 
 
 def read_attributes(path: Path) -> dict[str, str]:
@@ -230,7 +340,6 @@ def _open(
     path: Path,
     header_only: bool = False,
     expected: str = "an image with a channel Y",
-    separate: bool = False,
     silent: bool = True,
 ) -> Iterator[OpenEXR.File]:
     """Open an image; errors of the library become a RenderError that names the file.
@@ -243,7 +352,7 @@ def _open(
     try:
         with (
             _silence() if silent else nullcontext(),
-            OpenEXR.File(str(path), separate_channels=separate, header_only=header_only) as file,
+            OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
         ):
             yield file
     except (RuntimeError, ValueError, KeyError, TypeError) as error:

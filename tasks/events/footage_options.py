@@ -31,12 +31,19 @@ class FootageOptions:
     interpolate
         Insert motion-compensated frames: the number of intervals that replace each interval, from
         one to 1000, or auto, for half a pixel of motion from frame to frame.
+    layer
+        Read this layer of OpenEXR files, such as ViewLayer.Combined. By default the channels
+        without a layer, the only layer with light, or Blender's Combined.
+    repair
+        Give pixels that are NaN, infinite or negative the median of their neighbors.
     """
 
     fps: float | None = None
     time_unit: str | None = None
     encoding: str | None = None
     interpolate: str | None = None
+    layer: str | None = None
+    repair: bool = False
 
 
 NO_FOOTAGE = FootageOptions()
@@ -66,11 +73,16 @@ def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Foota
 
     if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
         return open_footage(
-            path, fps=footage.fps, time_unit=footage.time_unit, encoding=footage.encoding
+            path,
+            fps=footage.fps,
+            time_unit=footage.time_unit,
+            encoding=footage.encoding,
+            layer=footage.layer,
+            repair=footage.repair,
         )
     if footage != NO_FOOTAGE:
         raise TaskError(
-            f"{path}: found a rendered sequence, expected fps, time-unit, encoding and interpolate "
-            "only with a video or a folder of images"
+            f"{path}: found a rendered sequence, expected fps, time-unit, encoding, interpolate, "
+            "layer and repair only with a video or a folder of images"
         )
     return open_sequence(path)

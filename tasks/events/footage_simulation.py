@@ -44,7 +44,8 @@ def simulate_footage(
     """Write the events that a sensor fires on footage.
 
     The log states the assumed encoding. Without interpolation, a warning estimates how many events
-    are lost if things move by more than a pixel of the sensor from frame to frame.
+    are lost if things move by more than a pixel of the sensor from frame to frame. Another one
+    counts the pixels that had no light.
 
     Parameters
     ----------
@@ -95,7 +96,10 @@ def simulate_footage(
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     if interpolate is not None:
         origin["interpolate"] = interpolate
-    return simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    done = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    if footage.mender is not None:
+        footage.mender.warn(footage.path)
+    return done
 
 
 def _steps(interpolate: str | None) -> int | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tasks.errors import TaskError
 from tasks.footage import images, video
 from tasks.footage.luminance import Luminance, coding_of
+from tasks.footage.mending import Mender
 
 _log = logging.getLogger(__name__)
 
@@ -46,6 +47,8 @@ class Footage:
         Radiance of white: 1 for encoded numbers, else the 99.9th percentile of the first frame.
     frames
         Function that starts reading: it returns an iterator of (H, W) float32.
+    mender
+        What makes light of pixels without, and counts them; None for integers, which are all light.
     """
 
     path: Path
@@ -56,6 +59,7 @@ class Footage:
     encoding: str
     white_level: float
     frames: Callable[[], Iterator[Float32]]
+    mender: Mender | None = None
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -70,6 +74,8 @@ def open_footage(
     fps: float | None = None,
     time_unit: str | None = None,
     encoding: str | None = None,
+    layer: str | None = None,
+    repair: bool = False,
 ) -> Footage:
     """Open a video, or a folder of images.
 
@@ -87,18 +93,26 @@ def open_footage(
     encoding
         Transfer function of the stored numbers, see `sensor.to_linear`; by default that of a
         video's tags or "rec709", "linear" for floats, "srgb" for other images.
+    layer
+        Layer of OpenEXR files, see `eres_render.storage.exr.read_luminance`.
+    repair
+        Whether pixels of images of floats that are NaN, infinite or negative get the median of
+        their neighbors; see `Mender`.
 
     Returns
     -------
     Footage
-        Colors are made linear, then converted to luminance (ITU-R BT.709).
+        Colors are made linear, then converted to luminance (ITU-R BT.709, or as an OpenEXR file
+        says).
 
     Raises
     ------
     TaskError
         The footage cannot be read, its frames differ in size, its times are unknown or do not match
-        its frames, or floats have another encoding than "linear". Frames are checked when they are
-        read.
+        its frames, floats have another encoding than "linear", or pixels hold no light. Frames are
+        checked when they are read.
+    RenderError
+        An OpenEXR file cannot be read, or its layer is not clear.
     SensorError
         The encoding is unknown.
     """
@@ -110,12 +124,13 @@ def open_footage(
             f"fps: found {fps}, expected {_LEAST_FPS:g} to {_MOST_FPS:g} frames per second"
         )
     coded: Callable[[], Iterator[Coded]]
+    files: list[Path] = []
     if path.is_dir():
         files = images.list_images(path)
         t_ns = images.times_ns(path, files, fps, time_unit)
-        if images.has_transparency(files[0]):
+        if images.has_transparency(files[0], layer):
             _log.warning("%s: transparency is left out: hidden pixels are seen", path)
-        coded = partial(images.read_images, files)
+        coded = partial(images.read_images, files, layer)
         usual = "srgb"
     else:
         if time_unit is not None:
@@ -123,18 +138,28 @@ def open_footage(
         usual = video.tagged_encoding(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
+    if layer is not None and not (files and images.is_exr(files[0])):
+        raise TaskError(f"{path}: found layer, expected it only with OpenEXR images")
     first = next(coded())
     encoding, white = coding_of(first, encoding, usual, path)
     luminance = Luminance(encoding)
-    light = luminance(first)
+    mender = None
+    if first.dtype.kind == "f":
+        mender = Mender(white, repair, "; --repair takes the median of its neighbors")
+
+    def frames() -> Iterator[Float32]:
+        light = map(luminance, coded())
+        return light if mender is None else map(mender, files, light)
+
     offset_us = t_ns[0] // 1000
     return Footage(
         path=path,
         t_s=1e-9 * np.array([t - 1000 * offset_us for t in t_ns]),
         t_offset_us=offset_us,
-        height=light.shape[0],
-        width=light.shape[1],
+        height=first.shape[0],
+        width=first.shape[1],
         encoding=encoding,
         white_level=white,
-        frames=lambda: map(luminance, coded()),
+        frames=frames,
+        mender=mender,
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from eres_render.storage.exr import read_channels
+from eres_render.storage.exr import find_layer, read_luminance
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
 from tasks.footage.frame_size import check_size
@@ -73,13 +73,30 @@ def _parts(file: Path, number: str = _WHOLE) -> list[str]:
     return [part for part in re.split(f"({number})", file.stem) if part]
 
 
-def has_transparency(file: Path) -> bool:
-    """Return whether an image has transparency, which `read_images` leaves out."""
+def is_exr(file: Path) -> bool:
+    """Return whether an image is an OpenEXR file, by its name."""
+    return _KINDS.get(file.suffix.lower()) == "exr"
+
+
+def has_transparency(file: Path, layer: str | None = None) -> bool:
+    """Return whether an image has transparency, which `read_images` leaves out.
+
+    Parameters
+    ----------
+    file
+        The image.
+    layer
+        Layer of an OpenEXR file, see `read_luminance`.
+
+    Returns
+    -------
+    bool
+    """
     kind = _KINDS[file.suffix.lower()]
     if kind == "tiff":
         return bool(_tiff_tags(file).get(_EXTRA_SAMPLES))
     if kind == "exr":
-        return "A" in read_channels(file)
+        return find_layer(file, layer).has_alpha
     data = file.read_bytes()
     return kind == "png" and (data[25:26] in (b"\x04", b"\x06") or b"tRNS" in _png_chunks(data))
 
@@ -210,39 +227,55 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
     return times
 
 
-def read_images(files: list[Path]) -> Iterator[NDArray[np.generic]]:
+def read_images(files: list[Path], layer: str | None = None) -> Iterator[NDArray[np.generic]]:
     """Read images one after another.
+
+    Parameters
+    ----------
+    files
+        The images.
+    layer
+        Layer of OpenEXR files, see `read_luminance`.
 
     Yields
     ------
-    (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32.
+    (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32. Of OpenEXR the luminance.
 
     Raises
     ------
     TaskError
-        An image is damaged, or its size differs from the first one's, or one has floats, which are
-        linear, and the other integers.
+        An image is damaged, or its size or display window differs from the first one's, or one has
+        floats, which are linear, and the other integers.
     """
     shape: tuple[int, ...] | None = None
     kind = ""
+    corner: tuple[int, int] | None = None
     for file in files:
-        image = _read(file)
+        image = _read(file, layer)
         shape, kind = shape or image.shape[:2], kind or image.dtype.kind
         check_size(image, shape, file, f"as in {files[0].name}")
         if image.dtype.kind != kind:
             found, expected = ("floats", "integers") if kind == "u" else ("integers", "floats")
             raise TaskError(f"{file}: found {found}, expected {expected}, as in {files[0].name}")
+        if is_exr(file):
+            own = find_layer(file, layer).corner
+            corner = corner or own
+            if own != corner:
+                raise TaskError(
+                    f"{file}: found a display window from x={own[0]} y={own[1]}, expected it from "
+                    f"x={corner[0]} y={corner[1]}, as in {files[0].name}"
+                )
         yield image
 
 
-def _read(file: Path) -> NDArray[np.generic]:
+def _read(file: Path, layer: str | None) -> NDArray[np.generic]:
     kind = _KINDS.get(file.suffix.lower())
     if kind is None:
         raise TaskError(
             f"{file}: found extension {file.suffix!r}, expected one of {', '.join(_KINDS)}"
         )
     if kind == "exr":
-        return _checked(file, _read_exr(file))
+        return read_luminance(file, layer=layer)
     if kind == "tiff":
         _check_one_page(file)
     data = file.read_bytes()
@@ -263,7 +296,7 @@ def _read(file: Path) -> NDArray[np.generic]:
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
     if image.dtype == np.uint16 and kind == "tiff" and _tiff_tags(file).get(_PHOTOMETRIC) == 0:
         image = np.invert(image)  # white is 0, which OpenCV turns round for 8 bits only
-    return _checked(file, image if image.ndim == 2 else image[..., ::-1])
+    return image if image.ndim == 2 else image[..., ::-1]
 
 
 def _is_complete(data: bytes, kind: str) -> bool:
@@ -307,19 +340,3 @@ def _read_straight(file: Path) -> NDArray[np.uint8] | None:
     except (OSError, SyntaxError):
         return None
     return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]
-
-
-def _read_exr(file: Path) -> NDArray[np.float32]:
-    channels = read_channels(file)
-    if "Y" in channels:
-        return channels["Y"]
-    missing = {"R", "G", "B"}.difference(channels)
-    if missing:
-        raise TaskError(f"{file}: found channels {', '.join(channels)}, expected Y, or R, G and B")
-    return np.stack([channels[name] for name in "RGB"], axis=2)
-
-
-def _checked(file: Path, image: NDArray[np.generic]) -> NDArray[np.generic]:
-    if image.dtype.kind == "f" and not (np.isfinite(image).all() and image.min() >= 0):
-        raise TaskError(f"{file}: found NaN, infinite or negative light, expected 0 or more")
-    return image

@@ -68,20 +68,20 @@ def coding_of(
 
     Returns
     -------
-    The encoding, and 1, or for floats the 99.9th percentile of the first image.
+    The encoding, and 1, or for floats the 99.9th percentile of the finite ones of the first image.
 
     Raises
     ------
     TaskError
-        Floats have another encoding than "linear", or the first image of floats is black.
+        Floats have another encoding than "linear", or the first image of floats has no light.
     """
     if first.dtype.kind != "f":
         return given or usual, 1.0
     if given not in (None, "linear"):
         raise TaskError(f"{path}: found floats with encoding {given}, expected linear")
-    white = white_level(Luminance("linear")(first))
-    if white <= 0:
-        raise TaskError(
-            f"{path}: found a black first frame, expected light, as white is its 99.9th percentile"
-        )
+    light = Luminance("linear")(first)
+    finite = light[np.isfinite(light)]
+    if not finite.size or (white := white_level(finite)) <= 0:
+        found = "a black first frame" if finite.size else "only NaN or infinity in the first frame"
+        raise TaskError(f"{path}: found {found}, expected light, as white is its 99.9th percentile")
     return "linear", white

@@ -27,6 +27,7 @@ from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import has_transparency, list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance, coding_of
+from tasks.footage.mending import Mender
 
 logger = logging.getLogger(__name__)
 
@@ -87,11 +88,15 @@ class Frames:
         return Luminance(self.encoding)
 
     @cached_property
+    def _mender(self) -> Mender:
+        return Mender(self.white_level)
+
+    @cached_property
     def _shape(self) -> tuple[int, ...]:
         return self._luminance(next(read_images([self.files[0]]))).shape
 
-    def _in_units_of_white(self, image: NDArray[np.generic]) -> NDArray[np.float32]:
-        return self._luminance(image) / np.float32(self.white_level)
+    def _in_units_of_white(self, file: Path, image: NDArray[np.generic]) -> NDArray[np.float32]:
+        return self._mender(file, self._luminance(image)) / np.float32(self.white_level)
 
     def light(self, k: int) -> NDArray[np.float32]:
         """Return the light of a frame, (H, W), in units of white.
@@ -101,7 +106,8 @@ class Frames:
         TaskError
             The image is damaged, or has another size than the first.
         """
-        found = self._in_units_of_white(next(read_images([self.files[k]])))
+        file = self.files[k]
+        found = self._in_units_of_white(file, next(read_images([file])))
         if found.shape != self._shape:
             (height, width), expected = found.shape, f"{self._shape[1]}x{self._shape[0]}"
             raise TaskError(
@@ -126,7 +132,7 @@ class Frames:
             width=width,
             encoding=self.encoding,
             white_level=1.0,
-            frames=lambda: map(self._in_units_of_white, read_images(list(self.files))),
+            frames=lambda: map(self._in_units_of_white, self.files, read_images(list(self.files))),
         )
 
     def later(self, shift_us: int) -> Frames:

@@ -184,7 +184,7 @@ def test_a_color_image_is_no_radiance_frame(folder):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     red = np.ones((4, 6), dtype=np.float16)
     OpenEXR.File(header, {"R": red}).write(str(folder / "frames" / "000001.exr"))
-    with pytest.raises(SequenceError, match="expected an image with a channel Y"):
+    with pytest.raises(SequenceError, match="found channels R, expected Y, or R, G and B"):
         open_sequence(folder).frame(1)
 
 

@@ -1,0 +1,107 @@
+"""Pixels of footage whose numbers are no light: NaN, infinite or negative."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.levels import DARK_FRACTION
+from tasks.errors import TaskError
+
+_log = logging.getLogger(__name__)
+
+Float32 = NDArray[np.float32]
+
+
+class Mender:
+    """Makes light of the pixels that have none, and counts them.
+
+    A luminance below 0 by less than the dark level is black: filters with negative lobes leave such
+    pixels beside edges. Other pixels without light are an error, or get the median of their valid
+    neighbors.
+
+    Parameters
+    ----------
+    white_level
+        Radiance of white; the dark level is a thousandth of it.
+    repair
+        Whether to repair pixels that are NaN, infinite or further below 0.
+    advice
+        End of the error otherwise.
+    """
+
+    def __init__(self, white_level: float, repair: bool = False, advice: str = "") -> None:
+        self._least = -DARK_FRACTION * white_level
+        self._repair = repair
+        self._advice = advice
+        # Pixels by file, as footage may be read several times.
+        self._black: dict[Path, int] = {}
+        self._repaired: dict[Path, int] = {}
+
+    def __call__(self, file: Path, light: Float32) -> Float32:
+        """Return the light of an image without such pixels.
+
+        Parameters
+        ----------
+        file
+            The image.
+        light
+            (H, W) linear radiance.
+
+        Returns
+        -------
+        (H, W) finite, 0 or more.
+
+        Raises
+        ------
+        TaskError
+            A pixel is not valid, and nothing is repaired or no pixel is valid.
+        """
+        if light.min() >= 0 and light.max() < np.inf:  # NaN shows in both
+            return light
+        valid = np.isfinite(light) & (light >= self._least)
+        invalid = int(np.sum(~valid))
+        if invalid and not (self._repair and valid.any()):
+            y, x = np.argwhere(~valid)[0]
+            raise TaskError(
+                f"{file}: found {light[y, x]:g} at pixel x={x} y={y}, and {invalid} of "
+                f"{light.size} such pixels in all, expected finite light of 0 or more"
+                f"{'' if self._repair else self._advice}"
+            )
+        if black := int(np.sum(valid & (light < 0))):
+            self._black[file] = black
+        if not invalid:
+            return np.maximum(light, 0)
+        self._repaired[file] = invalid
+        return _filled(np.where(valid, np.maximum(light, 0), np.float32(np.nan)))
+
+    def warn(self, footage: Path) -> None:
+        """Warn of the pixels that were mended, if there were any.
+
+        Parameters
+        ----------
+        footage
+            The folder of the images, for the warning.
+        """
+        for counts, what in (
+            (self._black, "a little below 0, and are black"),
+            (self._repaired, "not finite, or below 0, and have the median of their neighbors"),
+        ):
+            if counts:
+                number = sum(counts.values()), len(counts)
+                _log.warning("%s: %d pixels of %d frames were %s", footage, *number, what)
+
+
+def _filled(light: Float32) -> Float32:
+    """Return an image in which NaN pixels have the median of their neighbors, from the rim in."""
+    padded = np.pad(light, 1, constant_values=np.nan)
+    inside = padded[1:-1, 1:-1]
+    while np.isnan(inside).any():
+        y, x = np.nonzero(np.isnan(inside))
+        around = np.stack([padded[y + dy, x + dx] for dy in range(3) for dx in range(3)])
+        known = ~np.isnan(around).all(axis=0)
+        inside[y[known], x[known]] = np.nanmedian(around[:, known], axis=0)
+    return inside
