@@ -43,6 +43,7 @@ _FEWEST_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
 _MOST_SQUEEZED = 3.0  # a texture against the surface under it, as on bodies of revolution
 _MOST_CELLS = 1 << 26  # of a lightmap
+_MOST_SAMPLES = 1 << 34  # of a scene that is baked by default: an hour on two cores
 _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
 _LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
 
@@ -95,15 +96,21 @@ def irradiance_maps(
     if not mi_scene.emitters():
         raise SceneError(f"{scene.xml_file}: found no light, expected an <emitter>")
     shapes = {shape.id(): shape for shape in bakeable_surfaces(mi_scene, scene)}
-    sizes_m = _texture_sizes_m(scene)
-    sides = {name: _cells(shape, cell_m, sizes_m) for name, shape in shapes.items()}
+    sides = _sides(shapes, scene, cell_m)
+    for name, (n_u, n_v) in sides.items():
+        if n_u * n_v > _MOST_CELLS:
+            raise SceneError(
+                f"shape {name!r}: found a lightmap of {n_u} x {n_v} cells, expected at most "
+                f"{_MOST_CELLS}: make bake.cell_m larger, let the shape fill more of the UV "
+                "square, or render with --integrator path"
+            )
     albedo = {
         name: _shrunk(reflectance(shape.bsdf(), scene), sides[name])
         for name, shape in shapes.items()
     }
     glowing = _glowing(scene, {name: np.zeros(a.shape, np.float32) for name, a in albedo.items()})
-    spp, few = _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
-    work = sum(u * v for u, v in sides.values()) * (2 * spp + (_BOUNCES - 1) * few)
+    work = _work(sides, spp)
+    spp, few = _counts(spp)
     finished = 0
 
     def on_samples(done: int) -> None:
@@ -140,6 +147,50 @@ def refuse_objects(scene: Scene) -> None:
         )
 
 
+def reason_not_to_wait(mi_scene: mi.Scene, scene: Scene) -> str:
+    """Return why baking a scene takes too long to be the default, for the log; "" if it does not.
+
+    Parameters
+    ----------
+    mi_scene
+        Mitsuba's scene; all its surfaces can be baked.
+    scene
+        The scene that it was loaded from.
+
+    Returns
+    -------
+    str
+    """
+    settings = scene.settings.bake
+    shapes = {shape.id(): shape for shape in surfaces(mi_scene)}
+    sides = _sides(shapes, scene, settings.cell_m)
+    work = _work(sides, settings.spp)
+    if work <= _MOST_SAMPLES:
+        return ""
+    name, (n_u, n_v) = max(sides.items(), key=lambda one: math.prod(one[1]))
+    return (
+        f"its lightmaps take {work:.1g} samples, hours to bake; the largest, of shape {name!r}, "
+        f"has {n_u} x {n_v} cells: make the shape smaller, or bake.cell_m in scene.toml larger"
+    )
+
+
+def _sides(shapes: dict[str, mi.Shape], scene: Scene, cell_m: float) -> dict[str, tuple[int, int]]:
+    """Return how many cells the lightmap of each shape has along u and along v."""
+    sizes_m = _texture_sizes_m(scene)
+    return {name: _cells(shape, cell_m, sizes_m) for name, shape in shapes.items()}
+
+
+def _work(sides: dict[str, tuple[int, int]], spp: int) -> int:
+    """Return the number of samples of all cells and bounces."""
+    most, few = _counts(spp)
+    return sum(map(math.prod, sides.values())) * (2 * most + (_BOUNCES - 1) * few)
+
+
+def _counts(spp: int) -> tuple[int, int]:
+    """Return the samples of a cell for lamps and the last bounce, and for each other bounce."""
+    return _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
+
+
 def _square(spp: int) -> int:
     """Return the next square number, which the multijittered sampler lays out best."""
     return (math.isqrt(spp - 1) + 1) ** 2
@@ -159,12 +210,6 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
         size_m = texture_m
     # Mitsuba wants two texels each way of an image that changes.
     n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
-    if n_u * n_v > _MOST_CELLS:
-        raise SceneError(
-            f"shape {shape.id()!r}: found a lightmap of {n_u} x {n_v} cells, expected at most "
-            f"{_MOST_CELLS}: make bake.cell_m larger, let the shape fill more of the UV square, or "
-            "render with --integrator path"
-        )
     return n_u, n_v
 
 

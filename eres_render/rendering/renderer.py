@@ -18,7 +18,7 @@ from eres_render.errors import RenderError, SceneError, check_spp, nearest
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
-from eres_render.rendering.irradiance import refuse_objects
+from eres_render.rendering.irradiance import reason_not_to_wait, refuse_objects
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.lens import undistorted
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
@@ -81,7 +81,8 @@ class Renderer:
         `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
         `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
         light and no noise of it; looked up like "baked", unless objects move). By default "path" if
-        objects move, else "emission" if nothing reflects light, "baked" if possible, or "path".
+        objects move, else "emission" if nothing reflects light, "baked" if possible within about an
+        hour, or "path".
         Scenes with moving objects need "path" or "emission".
     on_progress
         Called while light is baked, if it must be.
@@ -610,6 +611,7 @@ def _best_integrator(scene: Scene, variant: str) -> Integrator:
     reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
     if not reason and variant.startswith("scalar"):
         reason = f"{variant} cannot bake"
+    reason = reason or reason_not_to_wait(mi_scene, scene)
     if not reason:
         return "baked"
     _log.info("path tracing every frame of %s, as %s", scene.name, reason)

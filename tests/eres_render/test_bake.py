@@ -11,7 +11,7 @@ from eres_render.errors import RenderError
 from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
 from eres_render.rendering import lightmaps as bake
-from eres_render.rendering.irradiance import irradiance_maps
+from eres_render.rendering.irradiance import irradiance_maps, reason_not_to_wait
 from eres_render.rendering.load import load_mi_scene
 from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
 from light_scenes import drop_textures, edit_scene, small_carpet_folder
@@ -330,6 +330,23 @@ def test_a_lamp_with_a_material_is_path_traced(tmp_path):
     assert renderer.frame(scene.trajectory().pose(1.0)).min() > 0.1
     with pytest.raises(SceneError, match="'carpet' emits light and reflects it, too"):
         irradiance_maps(scene, 1.0, 4)
+
+
+def test_a_plane_that_takes_hours_to_bake_is_path_traced(tmp_path, caplog):
+    """Promise: by default no lightmap is begun that takes more than about an hour; the log names
+    the shape. A cell of 0.1 m has 2 x 1024 + 7 x 64 samples, so a plane of 262 m has 2^34."""
+
+    def plane(side_m):
+        scale = f'<transform name="to_world"><scale value="{side_m / 2}"/></transform>'
+        shape = f'<shape type="rectangle" id="sea">{scale}{GRAY}</shape>'
+        return open_scene(tmp_path / f"{side_m}", shape, cell_m=0.1)
+
+    for side_m, waits in ((261, True), (264, False)):
+        scene = plane(side_m)
+        assert (reason_not_to_wait(load_mi_scene(scene), scene) == "") == waits
+    with caplog.at_level("INFO"):
+        assert Renderer(plane(2000), 8, 1).integrator == "path"
+    assert "of shape 'sea', has 20000 x 20000 cells" in caplog.text
 
 
 def test_other_lightmaps_in_the_folder_are_ignored(tmp_path, monkeypatch):
