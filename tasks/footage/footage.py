@@ -48,7 +48,7 @@ class Footage:
     frames
         Function that starts reading: it returns an iterator of (H, W) float32.
     mender
-        What makes light of pixels without, and counts them; None for integers, which are all light.
+        What mends and counts pixels of floats that are no light; None for integers.
     """
 
     path: Path
@@ -145,7 +145,7 @@ def open_footage(
     luminance = Luminance(encoding)
     mender = None
     if first.dtype.kind == "f":
-        mender = Mender(white, repair, "; --repair takes the median of its neighbors")
+        mender = Mender(white, repair, "; --repair replaces it by the median of its neighbors")
 
     def frames() -> Iterator[Float32]:
         light = map(luminance, coded())

@@ -17,20 +17,20 @@ Float32 = NDArray[np.float32]
 
 
 class Mender:
-    """Makes light of the pixels that have none, and counts them.
+    """Mends the pixels of images that are no light, and counts them.
 
-    A luminance below 0 by less than the dark level is black: filters with negative lobes leave such
-    pixels beside edges. Other pixels without light are an error, or get the median of their valid
-    neighbors.
+    Luminance below 0 by at most the dark level becomes black: filters with negative lobes leave it
+    beside edges. A pixel that is NaN, infinite or further below 0 is an error, or gets the median
+    of its valid neighbors in 3 x 3 px.
 
     Parameters
     ----------
     white_level
         Radiance of white; the dark level is a thousandth of it.
     repair
-        Whether to repair pixels that are NaN, infinite or further below 0.
+        Whether such a pixel is mended.
     advice
-        End of the error otherwise.
+        End of the error if it is not.
     """
 
     def __init__(self, white_level: float, repair: bool = False, advice: str = "") -> None:
@@ -42,7 +42,7 @@ class Mender:
         self._repaired: dict[Path, int] = {}
 
     def __call__(self, file: Path, light: Float32) -> Float32:
-        """Return the light of an image without such pixels.
+        """Return the mended light of an image.
 
         Parameters
         ----------
@@ -58,7 +58,7 @@ class Mender:
         Raises
         ------
         TaskError
-            A pixel is not valid, and nothing is repaired or no pixel is valid.
+            A pixel is invalid, and pixels are not mended or all are invalid.
         """
         if light.min() >= 0 and light.max() < np.inf:  # NaN shows in both
             return light

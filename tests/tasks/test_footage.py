@@ -343,6 +343,27 @@ def test_frames_share_a_display_window(tmp_path):
         list(open_footage(tmp_path, fps=10))
 
 
+def test_the_command_reads_a_layer_and_repairs_it(tmp_path, eres, caplog):
+    """Promise: `eres simulate` asks which of two layers, and passes both options on."""
+    (tmp_path / "in").mkdir()
+    for k in range(3):
+        light = np.full((6, 8), 0.5 * 1.5**k, np.float32)
+        light[2, 3] = np.nan
+        channels = {f"glow.{c}": np.ones_like(light) for c in "RGB"}
+        channels |= {f"beauty.{c}": light for c in "RGB"}
+        OpenEXR.File({}, channels).write(str(tmp_path / "in" / f"{k}.exr"))
+    command = "simulate", tmp_path / "in", "--fps", 100, "--out", tmp_path / "events.h5"
+    code, _, said = eres(*command)
+    assert code == 1
+    assert "found layers beauty, glow, expected one; name it with --layer" in said
+    code, _, said = eres(*command, "--layer", "beauty", "--repair")
+    assert code == 0, said
+    assert "3 pixels of 3 frames were not finite, or below 0" in caplog.text
+    events = concatenate(list(read_events(tmp_path / "events.h5")))
+    assert len(events) > 0
+    assert np.all(events.p == 1)
+
+
 def test_layers_are_of_openexr(tmp_path):
     """Promise: an option that does nothing is refused."""
     folder = write_folder(tmp_path / "png", pictures(2), ".png")
