@@ -29,6 +29,7 @@ from eres_render.rendering.motion import Body, PlacedObjects, still_and_bodies
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
+from eres_render.storage.exr import LEAST_WHITE
 from eres_render.trajectory.frame_times import (
     ImageMotion,
     RecentPoses,
@@ -49,7 +50,6 @@ _MOST_ROUNDING_PX = 0.05  # a tenth of the usual motion from frame to frame
 _DEPTHS = 33  # rays along a side of the image that find the nearest surface
 _OFF_PLANE = 0.01  # relief stays below this share of the distance
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
-_LEAST_WHITE = 0.06  # a thousandth of it, the dark level, is the least normal number of half-floats
 
 # Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
 _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -299,12 +299,12 @@ class Renderer:
                 f"along the path, is {white:g}), expected an <emitter> that lights the camera's "
                 "view"
             )
-        if white < _LEAST_WHITE:
+        if white < LEAST_WHITE:
             _log.warning(
                 "%s: white, the 99.9th percentile of radiance along the path, is %.3g; frames are "
                 "half-floats, which round shadows visibly below a white of %g and make false "
                 "events: scale all emitters up",
-                *(self.scene.xml_file, white, _LEAST_WHITE),
+                *(self.scene.xml_file, white, LEAST_WHITE),
             )
         return white
 

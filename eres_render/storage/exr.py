@@ -21,6 +21,10 @@ from eres_render.storage.atomic import write_bytes
 
 Compression = Literal["zip", "none"]
 
+LEAST_WHITE = 0.06
+"""Least radiance of white for half-floats: a thousandth of it, the dark level, is about the least
+normal one; below, shadows are rounded visibly."""
+
 _COMPRESSIONS = {"zip": OpenEXR.ZIP_COMPRESSION, "none": OpenEXR.NO_COMPRESSION}
 _LEAST_TOO_LARGE = 65520  # rounds to infinity in half precision
 # CIE x and y of red, green, blue and white of Rec. 709, the primaries of a file that names none.

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from eres_render.errors import check_positive, check_spp
+from eres_render.random_scenes.random_scene import MOST_LIGHT
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
 from sensor.errors import SensorError
+from sensor.levels import DARK_FRACTION
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
@@ -30,7 +32,7 @@ FILE_NAME = "dataset.json"
 _LEAST_HZ = 0.01  # warms up for a minute and a half
 _MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
 _WIDEST_M = 0.3  # largest baseline of a pair of cameras
-_DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
+_DARK_LEVEL = DARK_FRACTION * MOST_LIGHT  # of the brightest scene, for all, W m^-2 sr^-1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

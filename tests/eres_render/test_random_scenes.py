@@ -9,6 +9,7 @@ from eres_render.random_scenes.paint import PATTERNS, random_painter
 from eres_render.random_scenes.paths import camera_path, object_path
 from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.random_scenes.solids import SOLIDS, random_solid, room
+from eres_render.storage.exr import LEAST_WHITE
 from eres_render.textures.masonry import plaster
 from moving_objects import BALL, FLOOR, SPHERE, folder_of
 
@@ -39,6 +40,14 @@ def test_the_camera_sees_fronts_everywhere_and_keeps_clear(tmp_path, seed):
     assert min(frame.min() for frame in frames) > 0
     assert np.log(frames[0]).std() > 0.05
     assert abs(frames[0] - frames[2]).max() > 0.01 * frames[0].mean()
+
+
+def test_a_dark_scene_is_light_enough_for_its_frames(tmp_path, caplog):
+    """Promise: of a scene with nearly the least light the renderer says nothing."""
+    write_random_scene(tmp_path / "scene", [0, 4], 0.1, 32)
+    white = Renderer(load_scene(tmp_path / "scene"), 32, 4, integrator="emission").white_level
+    assert LEAST_WHITE < white < 2 * LEAST_WHITE
+    assert "half-floats" not in caplog.text
 
 
 @pytest.mark.parametrize("name", ['a "quoted" one', "back\\slash", "über"])

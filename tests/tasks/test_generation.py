@@ -284,7 +284,7 @@ def test_thresholds_stay_near_their_mean():
         pixel=PixelOptions(leak=0.1, threshold_mismatch=0.03),
     )
     model = noisy.models(0, 1.0)["inf"]
-    assert (model.leak_hz, model.threshold_mismatch, model.dark_level) == (0.1, 0.03, 1e-3)
+    assert (model.leak_hz, model.threshold_mismatch, model.dark_level) == (0.1, 0.03, 4e-3)
     assert model.contrast_threshold == C[0]
     with pytest.raises(TaskError, match="no cutoff, expected one, such as --cutoffs 200"):
         DatasetSettings(
