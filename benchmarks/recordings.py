@@ -9,8 +9,8 @@ github.com/tub-rip/events_viz (slider_depth/), the first 50,000 of them as event
 Flow has 28 features in each of the four pairs of frames that the excerpt covers. Its reference is
 the tracks of corners from frame to frame. The slider gives another reference that needs no frame:
 the camera moves along its x axis only, so no point moves along y once the distortion of the lens is
-removed. The script prints how far tracks and flow depart from that, and flow with events off the
-grid of pixels, as zero flow along an axis otherwise looks sharper than it is.
+removed. The script prints how far tracks and flow depart from that, and flow with events on the
+grid of pixels, where zero flow along an axis looks sharper than it is.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sensor.events import concatenate
 from tasks.events.reading import Reading
 from tasks.flow import flow_sample
 from tasks.methods import load_method
-from tasks.methods.contrast_maximization import EVEN_OFFSET_PX
+from tasks.methods.contrast_maximization import off_grid
 from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
 from tasks.recording.flow import score_flow
@@ -98,7 +98,7 @@ def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, l
     method = load_method("flow", FLOW[0])
     search_px = options.search_px or SIZE[0] / 16
     events = concatenate([part for part in recording.parts() if len(part)])
-    tracked, flowed, off_grid, off_px = [], [], [], []
+    tracked, flowed, on_grid, on_px = [], [], [], []
     for k in spread(inside(recording, frames), options.windows):
         found = track(frames.light(k), frames.light(k + 1), options.features)
         window_us = (int(frames.middle_us[k]), int(frames.middle_us[k + 1]))
@@ -113,16 +113,16 @@ def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, l
                 initial=np.zeros(2),
                 initial_sigma_px=search_px / 4,
             )
-            between = method(sample, offset_px=EVEN_OFFSET_PX).flow
-            off_px.append(np.linalg.norm(between - flow_px))
-            flows = (tracked, flow_px), (flowed, method(sample).flow), (off_grid, between)
-            for into, flow in flows:
+            gridded_px = method(sample).flow
+            on_px.append(np.linalg.norm(gridded_px - flow_px))
+            off_px = method(off_grid(sample)).flow
+            for into, flow in (tracked, flow_px), (flowed, off_px), (on_grid, gridded_px):
                 places = undistorted(np.stack([start_px, start_px + flow]), calibration)
                 into.append(places[1, 1] - places[0, 1])
-    named = ("tracks", tracked), (FLOW[0], flowed), ("the same, off the grid", off_grid)
+    named = ("tracks", tracked), (FLOW[0], flowed), ("the same, on the grid", on_grid)
     for name, values in named:
         print(f"{name:34}{np.median(np.abs(values)):6.2f} px along y, where the slider moves 0")
-    print(f"{'the same, off the grid':34}{np.median(off_px):6.2f} px from the tracks")
+    print(f"{'the same, on the grid':34}{np.median(on_px):6.2f} px from the tracks")
 
 
 def undistorted(points_px: np.ndarray, lens: Calibration) -> np.ndarray:

@@ -19,6 +19,8 @@ MIN_PATCH_PX = 7
 MARGIN_PX = 40  # at the reference width; keeps the relatively largest patch, 7 px of 128, inside
 INITIAL_SIGMA_PX = 3.0  # at the reference width
 REACH_SIGMAS = 4.0  # of the search of every method, of the initial flow's error along each axis
+EVENT_COLUMNS = "x_px", "y_px", "t", "t_before", "p"
+"""The fields of a `FlowSample` with a value for each event."""
 _PATH_CHECKS = 5  # times within a window at which a feature must be visible
 
 

@@ -11,7 +11,7 @@ from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.methods import check_method
-from tasks.methods.contrast_maximization import AT_BOUND
+from tasks.methods.contrast_maximization import AT_BOUND, UNDETERMINED
 from tasks.recording.clock import on_one_clock
 from tasks.recording.dense_flow import score_dense_flow
 from tasks.recording.flow import LOCAL, score_flow
@@ -26,6 +26,7 @@ from tasks.recording.threshold import (
     fit_recording,
     stored_thresholds,
 )
+from tasks.recording.window_length import with_motion
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 
@@ -116,6 +117,9 @@ def evaluate_recording(
     notes: list[str] = []
     if frames is not None:
         frames = on_one_clock(recording, frames, shift_us, notes)
+    elif task in _FLOW:
+        before = task == "dense_flow"
+        flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
     if task == "dense_flow":
         found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
         return RecordingEvaluation(found, notes)
@@ -124,7 +128,7 @@ def evaluate_recording(
     thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
-        notes += _answers_of_no_motion(found) + _failures(found)
+        notes += _failures(found)
     elif frames is None:
         raise AssertionError("images are scored against frames")
     elif task == "video":
@@ -134,20 +138,6 @@ def evaluate_recording(
     else:
         found = score_reconstruction(recording, frames, names, thresholds, on_progress)
     return RecordingEvaluation(found, notes)
-
-
-def _answers_of_no_motion(scores: Sequence[RecordingScore]) -> list[str]:
-    """Return a note on each method most of whose flows are exactly zero."""
-    notes = []
-    for name in dict.fromkeys(score.method for score in scores):
-        mine = [one for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN)]
-        still = sum(one.value == 1.0 and not one.failure for one in mine)
-        if name != TASKS["flow"].baseline and still > len(mine) / 2:
-            notes.append(
-                f"{name}: {still} of {len(mine)} answers are that nothing moves, where events on "
-                "the grid of pixels are sharpest; a longer --window-ms has more motion"
-            )
-    return notes
 
 
 def _failures(scores: Sequence[RecordingScore]) -> list[str]:
@@ -160,9 +150,13 @@ def _failures(scores: Sequence[RecordingScore]) -> list[str]:
         if len(failures) > len(mine) / 2:
             reason = reasons.most_common(1)[0][0]
             said = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
+            alone = mine[0].metric == CONTRAST_GAIN
             if reason == AT_BOUND:
-                shorter = " or a shorter --window-ms" if mine[0].metric == CONTRAST_GAIN else ""
+                shorter = " or a shorter --window-ms" if alone else ""
                 said += f"; a larger --search-px{shorter} helps"
+            elif reason == UNDETERMINED:
+                longer = "a longer --window-ms" if alone else "frames farther apart"
+                said += f"; more motion helps: {longer}"
             notes.append(said)
     return notes
 

@@ -16,7 +16,7 @@ from eres_render.progress import Progress, silent
 from tasks.evaluation.answers import ask, flow_answer
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import load_method
-from tasks.methods.contrast_maximization import estimate
+from tasks.methods.contrast_maximization import determined, estimate, off_grid
 from tasks.recording.flow_windows import Start, followed
 from tasks.recording.frames import Frames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
@@ -28,6 +28,10 @@ LOCAL = (
     "photometric_flow_with_delay",
 )
 """Methods that search for the nearest minimum: they start from contrast maximization."""
+_BY_CONTRAST = (
+    *("contrast_maximization", "contrast_maximization_by_gradient"),
+    "contrast_maximization_by_plain_variance",
+)
 
 
 def score_flow(
@@ -66,6 +70,8 @@ def score_flow(
         The recording is shorter than a window, or has no corners to follow.
     """
     loaded = {name: load_method("flow", name) for name in methods}
+    for name in {*_BY_CONTRAST} & {*loaded}:
+        loaded[name] = partial(determined, loaded[name])
     width, height = recording.size
     start = Start.of(options, contrast_threshold, width)
     log_image = np.full((height, width), np.nan)
@@ -93,7 +99,7 @@ def _answers(
     """Yield the flow that each method finds."""
     nearby = sample
     if any(name in LOCAL for name in methods):
-        nearby = replace(sample, initial=estimate(sample).flow)
+        nearby = replace(sample, initial=estimate(off_grid(sample)).flow)
     for name, method in methods.items():
         given = nearby if name in LOCAL else sample
         answer, _ = ask("flow", name, method, given)

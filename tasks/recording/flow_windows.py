@@ -22,7 +22,7 @@ from eres_render.errors import check_positive
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.flow import REACH_SIGMAS, FlowSample, flow_sample
-from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
+from tasks.methods.contrast_maximization import Contrast, off_grid
 from tasks.recording.frames import Frames
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
@@ -157,7 +157,7 @@ def followed(
     TaskError
         An option is out of range, the recording has no such window, or no window has corners.
     """
-    _check(options)
+    check(options)
     windows = _windows(recording, frames, options, with_before)
     starts_us = [one.before_us if with_before else one.start_us for one in windows]
     starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending starts
@@ -180,11 +180,22 @@ def followed(
         )
 
 
-def _check(options: FlowOptions) -> None:
-    """Refuse options that are too small."""
+def check(options: FlowOptions) -> None:
+    """Refuse options that are too small.
+
+    Parameters
+    ----------
+    options
+        Windows and patches.
+
+    Raises
+    ------
+    TaskError
+        An option is out of range.
+    """
     for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
         value = getattr(options, name)
-        if not least <= value < math.inf:
+        if value is not None and not least <= value < math.inf:
             said = name.replace("_", "-")
             raise TaskError(f"{said}: found {value:g}, expected a number of at least {least:g}")
     if options.search_px is not None:
@@ -210,6 +221,8 @@ def _windows(
 
 def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
     """Return windows of equal length, spread over a recording, but not the first `first` ones."""
+    if options.window_ms is None:
+        raise TaskError("window-ms: found no length, expected one, or frames")
     length_us = round(1e3 * options.window_ms)
     whole = (recording.end_us - recording.start_us) // length_us
     if whole <= first:
@@ -305,7 +318,7 @@ class _Sharpness:
         self._farthest_px = float(max(events.width, events.height))
         self._samples, self._gains, centers_px = [], [], []
         unknown = np.full((events.height, events.width), np.nan)
-        for center_px in _event_corners(events)[:features]:
+        for center_px in event_corners(events)[:features]:
             sample = start.sample(events, window, unknown, center_px)
             if len(sample.t):
                 self._samples.append(sample)
@@ -324,13 +337,23 @@ class _Sharpness:
 
 def _gain(sample: FlowSample, reach_px: float) -> Callable[[NDArray[np.float64]], float]:
     """Return the contrast of the events moved back along a flow, relative to zero flow."""
-    contrast = Contrast(sample, reach_px, offset_px=EVEN_OFFSET_PX)
+    contrast = Contrast(off_grid(sample), reach_px)
     still = contrast(np.zeros(2))
     return lambda flow_px: contrast(flow_px) / still
 
 
-def _event_corners(events: Events) -> NDArray[np.float64]:
-    """Return the (N, 2) corners of the image of events, px, the strongest first."""
+def event_corners(events: Events) -> NDArray[np.float64]:
+    """Return the corners of the image of events, the strongest first.
+
+    Parameters
+    ----------
+    events
+        Events of one window.
+
+    Returns
+    -------
+    (N, 2) positions, px.
+    """
     size = events.width * events.height
     pixel = events.y.astype(np.int64) * events.width + events.x
     image = np.bincount(pixel, minlength=size).reshape(events.height, events.width)

@@ -92,7 +92,8 @@ class FlowOptions:
     Parameters
     ----------
     window_ms
-        Length of a window, milliseconds; with frames, a window lasts from one to the next.
+        Length of a window, milliseconds; by default one in which events move by 4 px, at most 500
+        ms. With frames, a window lasts from one to the next.
     windows
         Largest number of windows, spread evenly over the recording.
     features
@@ -104,7 +105,7 @@ class FlowOptions:
         width.
     """
 
-    window_ms: float = 30.0
+    window_ms: float | None = None
     windows: int = 20
     features: int = 30
     patch_px: int = 33

@@ -28,12 +28,12 @@ def scores_of(found, method):
 
 
 def test_flow_from_zero_on_the_slider(slider):
-    """Promise: contrast maximization is within a tenth of the tracks' length of them."""
+    """Promise: contrast maximization is within a fifth of the tracks' length of them."""
     found = evaluate_recording(task="flow", **slider)
     length = np.median(scores_of(found, "initial_flow"))
     assert length > 3
-    assert np.median(scores_of(found, "contrast_maximization")) < 0.1 * length
-    assert np.median(scores_of(found, "contrast_maximization_by_gradient")) < 0.1 * length
+    assert np.median(scores_of(found, "contrast_maximization")) < 0.2 * length
+    assert np.median(scores_of(found, "contrast_maximization_by_gradient")) < 0.2 * length
 
 
 def test_frames_of_the_slider_predicted_from_events(slider):

@@ -4,9 +4,11 @@ Gallego, Rebecq and Scaramuzza, "A Unifying Contrast Maximization Framework" (CV
 moved along the flow to one time, and their image is sharpest for the true flow.
 """
 
-from tasks.methods.contrast_maximization.contrast import EVEN_OFFSET_PX, Contrast
+from tasks.methods.contrast_maximization.contrast import Contrast, off_grid
 from tasks.methods.contrast_maximization.estimator import (
     AT_BOUND,
+    UNDETERMINED,
+    determined,
     estimate,
     estimate_by_gradient,
     estimate_by_plain_variance,
@@ -14,9 +16,11 @@ from tasks.methods.contrast_maximization.estimator import (
 
 __all__ = [
     "AT_BOUND",
-    "EVEN_OFFSET_PX",
+    "UNDETERMINED",
     "Contrast",
+    "determined",
     "estimate",
     "estimate_by_gradient",
     "estimate_by_plain_variance",
+    "off_grid",
 ]

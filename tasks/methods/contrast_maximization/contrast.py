@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.flow import FlowSample
+from tasks.flow import EVENT_COLUMNS, FlowSample
 from tasks.numerics.compiling import inlined, jit_contract_in_place
 
 REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
-EVEN_OFFSET_PX = 0.5 - math.sqrt(1 / 12)
-"""Offset of all events that makes zero flow no sharper than other flows. Bilinear votes blur by
-f (1 - f) px^2, where f is the distance from the previous pixel center: 1/6 on average over f, but 0
-at zero flow, where all events are at pixel centers. At this f it is 1/6."""
+_EVEN = np.array([0.7548776662466927, 0.5698402909980532])
+"""The fractional parts of their multiples fill the unit square evenly: Roberts, "The Unreasonable
+Effectiveness of Quasirandom Sequences" (2018)."""
 _OBJECTIVES = {  # the fields by_gradient and around_even of `Patch`
     "variance": (False, True),
     "gradient": (True, True),
@@ -77,17 +77,9 @@ class Contrast:
     objective
         "variance", "gradient", or "plain variance", which subtracts nothing: as no vote is lost, it
         is the variance of the image of warped events up to a constant.
-    offset_px
-        Shift of all events along both axes: 0, or `EVEN_OFFSET_PX`.
     """
 
-    def __init__(
-        self,
-        sample: FlowSample,
-        reach_px: float,
-        objective: str = "variance",
-        offset_px: float = 0.0,
-    ) -> None:
+    def __init__(self, sample: FlowSample, reach_px: float, objective: str = "variance") -> None:
         farthest = 0.5 * (np.abs(sample.initial) + reach_px)
         # Blurred votes end within _REACH_PX of a vote, and none is made so near the image's edge.
         far = np.ceil(farthest + 2 * _REACH_PX).astype(np.int64) + 1
@@ -96,14 +88,14 @@ class Contrast:
         column, row = far - sample.patch[0]
         exposures = max(_EXPOSURES, math.ceil(2 * farthest.max()))  # at most a pixel apart
         self.patch = Patch(
-            sample.x_px - 0.5 + column + offset_px,
-            sample.y_px - 0.5 + row + offset_px,
+            sample.x_px - 0.5 + column,
+            sample.y_px - 0.5 + row,
             sample.t - REFERENCE_TIME,
             (np.arange(exposures) + 0.5) / exposures - REFERENCE_TIME,
             width,
             height,
-            far_x + offset_px,
-            far_y + offset_px,
+            float(far_x),
+            float(far_y),
             *_OBJECTIVES[objective],
         )
         votes, across, blurred = np.zeros((3, height + 2 * far_y, width + 2 * far_x))
@@ -121,6 +113,31 @@ class Contrast:
     def __call__(self, flow: NDArray[np.float64]) -> float:
         """Return the contrast at a flow, (2,) px per window, as `contrast_at`."""
         return contrast_at(self.patch, self.work, flow[0], flow[1])
+
+
+def off_grid(sample: FlowSample) -> FlowSample:
+    """Spread events evenly over the areas of their pixels, so that zero flow is not the sharpest.
+
+    Bilinear votes blur by f (1 - f) px^2, where f is the distance from the previous pixel center:
+    not at all at zero flow, where all events are at pixel centers, but by 1/6 px^2 on average where
+    they move. This outweighs the sharpness of a motion of up to about 2 px per window.
+
+    Parameters
+    ----------
+    sample
+        Events of one patch.
+
+    Returns
+    -------
+    The sample with two events for each, on opposite sides of the center of its pixel.
+    """
+    count = len(sample.t)
+    aside_px = (np.arange(1, count + 1)[:, None] * _EVEN) % 1 - 0.5
+    x_px, y_px = np.stack([aside_px, -aside_px], axis=1).reshape(-1, 2).T
+    twice: dict[str, Any] = {name: np.repeat(getattr(sample, name), 2) for name in EVENT_COLUMNS}
+    twice["x_px"] += x_px
+    twice["y_px"] += y_px
+    return replace(sample, **twice)
 
 
 @jit_contract_in_place

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
-from tasks.flow import REACH_SIGMAS, FlowEstimate, FlowSample
-from tasks.methods.contrast_maximization.contrast import Contrast
+from tasks.flow import EVENT_COLUMNS, REACH_SIGMAS, FlowEstimate, FlowSample
+from tasks.methods.contrast_maximization.contrast import Contrast, off_grid
 from tasks.methods.contrast_maximization.search import find_sharpest
 
 MIN_EVENTS = 10
 AT_BOUND = "search ended at its bound"
 """Reason of a failure: contrast still grows there."""
+UNDETERMINED = "motion undetermined"
+"""Reason of a failure: two halves of the events disagree."""
+_AGREEMENT = 0.5  # largest difference of their flows, relative to the flow of all events
 
 
-def estimate(
-    sample: FlowSample, objective: str = "variance", offset_px: float = 0.0
-) -> FlowEstimate:
+def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
     """Estimate the flow with the greatest contrast of the image of warped events.
 
     Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. The
@@ -30,9 +34,6 @@ def estimate(
     objective
         As for `Contrast`: "variance", "gradient" for the mean squared gradient magnitude, or "plain
         variance".
-    offset_px
-        Shift of all events along both axes. `EVEN_OFFSET_PX` lets a search leave zero flow, at
-        which votes are otherwise sharpest.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def estimate(
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
     reach = REACH_SIGMAS * sample.initial_sigma_px
-    contrast = Contrast(sample, reach, objective, offset_px)
+    contrast = Contrast(sample, reach, objective)
     simplex = np.zeros((3, 3))
     simplex[1, 0] = simplex[2, 1] = max(0.5 * sample.initial_sigma_px, 1e-3)
     find_sharpest(contrast.patch, contrast.work, sample.initial, reach, simplex)
@@ -59,3 +60,39 @@ def estimate_by_gradient(sample: FlowSample) -> FlowEstimate:
 def estimate_by_plain_variance(sample: FlowSample) -> FlowEstimate:
     """As `estimate`, with the plain variance of the image of warped events as contrast."""
     return estimate(sample, objective="plain variance")
+
+
+def determined(method: Callable[[FlowSample], FlowEstimate], sample: FlowSample) -> FlowEstimate:
+    """Estimate a flow of which nothing is known before, and only if the events determine it.
+
+    Events are off the grid, as zero flow is the sharpest on it. The search always ends somewhere,
+    also for noise, and for motion too small to blur the image. So every second event and the others
+    are searched alone, too: if their flows differ by more than half of the flow of all, the
+    standard error is more than a quarter of the flow, and the answer is a failure.
+
+    Parameters
+    ----------
+    method
+        `estimate`, `estimate_by_gradient` or `estimate_by_plain_variance`.
+    sample
+        Events of one patch, with zero as initial flow.
+
+    Returns
+    -------
+    The flow; zero after a failure.
+    """
+    if len(sample.t) < 2 * MIN_EVENTS:
+        return FlowEstimate(sample.initial, f"{len(sample.t)} events")
+    found = method(off_grid(sample))
+    if found.failure:
+        return found
+    first, other = (method(off_grid(_every_second(sample, start))) for start in (0, 1))
+    apart_px = np.linalg.norm(first.flow - other.flow)
+    clear = apart_px < _AGREEMENT * np.linalg.norm(found.flow)
+    if first.failure or other.failure or not clear:
+        return FlowEstimate(sample.initial, UNDETERMINED)
+    return found
+
+
+def _every_second(sample: FlowSample, start: int) -> FlowSample:
+    return replace(sample, **{name: getattr(sample, name)[start::2] for name in EVENT_COLUMNS})
