@@ -188,6 +188,7 @@ def _show_scores(run: FinishedRun) -> None:
 def _show_claims(run: FinishedRun) -> None:
     from tasks.study.claims.judge import changed_verdicts
     from tasks.study.claims.verdict import Status, threshold_note
+    from tasks.study.results.intervals import BRACKETS
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
@@ -210,6 +211,7 @@ def _show_claims(run: FinishedRun) -> None:
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.out.print(Text("\n") + Text(", ").join(counted))
+    terminal.out.print(BRACKETS, highlight=False)
     if note := threshold_note(run.found):
         terminal.out.print(note, highlight=False)
     judged = run.verdicts_by_photoreceptor

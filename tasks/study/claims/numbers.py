@@ -171,10 +171,12 @@ def _of_parts(
     parts = [_of_parts(part, scenes, sign, tails) for part in statistic.parts]
     lows = [part.low for part in parts if part.low is not None]
     highs = [part.high for part in parts if part.high is not None]
+    extreme = pick(parts, key=lambda part: part.value)
     return Estimate(
-        pick(part.value for part in parts),
+        extreme.value,
         pick(lows) if len(lows) == len(parts) else None,
         pick(highs) if len(highs) == len(parts) else None,
+        extreme.effective_samples,
     )
 
 

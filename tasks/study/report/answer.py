@@ -25,6 +25,7 @@ from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
+from tasks.study.results.readings import leads
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,
@@ -137,6 +138,47 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
     return _markdown(columns)
 
 
+def sample_worth(run: FinishedRun) -> str:
+    """Return how many independent samples those of each scene are worth, a line for each task.
+
+    Parameters
+    ----------
+    run
+        The run.
+
+    Returns
+    -------
+    str
+        The rule in words, and a Markdown table of the first method of each task: the lead of the
+        finest sensor over the next in the most light with a cutoff, at the lowest speed.
+    """
+    found = {one: leads({"": run.scores}, one) for one in run.firsts}
+    first = {one: of_one[0] for one, of_one in found.items() if of_one}
+    if not first:
+        return "This run compares no two sensors behind a photoreceptor."
+    at = max(one.cutoff_hz for one in first.values()), min(one.speed for one in first.values())
+    columns = [["", *(one.title for one in first)]]
+    for scene in run.scenes:
+        column = [scene]
+        for series in first:
+            here = [
+                one
+                for one in found[series]
+                if (one.scene, one.cutoff_hz, one.speed) == (scene, *at)
+            ]
+            worth = [one.found[""].effective_samples for one in here if one.found[""]]
+            samples = run.scores.samples(series, scene)
+            column.append(f"{worth[0]:.2g} of {samples}" if worth and worth[0] else MISSING)
+        columns.append(column)
+    fine, coarse = map(run.scores.sensor_label, next(iter(first.values())).widths)
+    text = (
+        "Intervals take the samples of a scene as independent. By the correlation of neighbors on "
+        f"the path they are worth fewer. For the lead of {fine} over {coarse}, "
+        f"{_light_text(at[0])}, {speed_label('', at[1])}:"
+    )
+    return f"{_wrapped(text)}\n\n{_markdown(columns)}"
+
+
 # The verb after one claim, and after several.
 _WORDS = {
     Status.HOLDS: ("holds", "hold"),
@@ -183,13 +225,16 @@ def _table(
     columns = [["", *(f"{one.title}, {' / '.join(scenes)}" for one, scenes in lines)]]
     for cutoff, speed in conditions:
         at = [[found[one].get((scene, cutoff, speed)) for scene in s] for one, s in lines]
-        label, hertz = cutoff_label(cutoff), f"{cutoff:g} Hz"
-        light = label if math.isinf(cutoff) or label == hertz else f"{label}, {hertz}"
         ours = [_joined([_width_text(choice, tied=tied) for choice in choices]) for choices in at]
-        columns.append([f"{light}, {speed_label('', speed)}", *ours])
+        columns.append([f"{_light_text(cutoff)}, {speed_label('', speed)}", *ours])
         if any(choice and choice.paper for choices in at for choice in choices):
             columns.append(["paper", *(_joined([*map(_paper_text, choices)]) for choices in at)])
     return _markdown(columns)
+
+
+def _light_text(cutoff_hz: float) -> str:
+    label, hertz = cutoff_label(cutoff_hz), f"{cutoff_hz:g} Hz"
+    return label if math.isinf(cutoff_hz) or label == hertz else f"{label}, {hertz}"
 
 
 def _markdown(columns: Sequence[Sequence[str]]) -> str:
@@ -243,6 +288,7 @@ def answers_of(run_dir: Path) -> dict[str, str]:
         "details": details(found, run.base_speeds),
         "claims": claim_counts(run.verdicts_by_photoreceptor),
         "verdicts": claim_list(run.verdicts_by_photoreceptor),
+        "samples": sample_worth(run),
     }
 
 

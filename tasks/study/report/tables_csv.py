@@ -15,7 +15,7 @@ _CSV_COLUMNS = (
     *("width", "sensor", "cutoff_hz", "illuminance_lux", "contrast_threshold"),
     *("speed", "speed_m_s"),
     *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
-    *("native_px", "failure_share", "beats_nothing"),
+    *("native_px", "failure_share", "beats_nothing", "effective_samples"),
 )
 
 
@@ -28,6 +28,7 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
     A camera with a contrast threshold of its own is in the tables of all thresholds, and doing
     nothing in those of all methods of a task; each is written with the first. `cutoff_hz` is empty
     for a camera in a light that is given in lux: its own cutoff is in rows.parquet.
+    `effective_samples` is how many independent samples those of the median are worth.
     """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
@@ -57,6 +58,7 @@ def _csv_line(
     rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
     numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
     numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
+    numbers.append(cell.effective_samples)
     texts = ["" if number is None else f"{number:.6g}" for number in numbers]
     return [
         *(block.scene, series.task),
@@ -70,6 +72,7 @@ def _csv_line(
         *(len(cell.values), cell.expected),
         *texts[:4],
         int(entry.best),
-        *texts[4:],
+        *texts[4:6],
         "" if entry.beats_nothing is None else int(entry.beats_nothing),
+        texts[6],
     ]

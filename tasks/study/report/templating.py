@@ -20,6 +20,7 @@ from tasks.study.report.sections import (
 )
 from tasks.study.results import comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
+from tasks.study.results.intervals import BRACKETS
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 
 TEMPLATES = Environment(
@@ -30,6 +31,7 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 TEMPLATES.globals |= {
+    "BRACKETS": BRACKETS,
     "CAPACITIES_MEV_S": [f"{capacity / 1e6:g}" for capacity in capacities_hz()],
     "FILM_TEXT": (
         f"Each picture has the events of {1e3 * FILM_S / FILM_PICTURES:g} ms over the frame at "

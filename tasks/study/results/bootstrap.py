@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.compiling import compiler
+from tasks.metric import LAST_BITS
 
 DRAWS = 2000
 
@@ -49,6 +50,30 @@ def resampled_medians(
         _counts(seed, int(sample.max()) + 1),
         _counts("trainings", trainings),
     )
+
+
+def effective_samples(
+    values: NDArray[np.float64],  # (N,)
+) -> float:
+    """Return how many independent samples N samples along one path are worth.
+
+    Parameters
+    ----------
+    values
+        (N,) float64, a value of each sample, in the order of the path.
+
+    Returns
+    -------
+    float
+        N (1 - r) / (1 + r), 1 to N: what N samples are worth for a mean if values correlate by r
+        with their neighbors and by r^k over k samples. A negative r counts as 0. Equal values are
+        worth 1.
+    """
+    if np.ptp(values) < LAST_BITS:
+        return 1.0
+    away = values - values.mean()
+    r = max(0.0, float(away[:-1] @ away[1:] / (away @ away)))
+    return max(1.0, len(values) * (1 - r) / (1 + r))
 
 
 @lru_cache(maxsize=64)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.study.results.bootstrap import resampled_medians
+from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.results.bootstrap import effective_samples, resampled_medians
 
 
 class Condition(NamedTuple):
@@ -71,6 +72,29 @@ class Cell:
     def median(self) -> float | None:
         """Median score, or None if values are missing, as survivors alone would bias it."""
         return float(np.median(self.values)) if self.complete else None
+
+    @cached_property
+    def effective_samples(self) -> float | None:
+        """How many independent samples those of the median score are worth.
+
+        None if values are missing, or the samples are too few for an interval.
+        """
+        if not self.complete or self.samples < MIN_SAMPLES_FOR_INTERVAL:
+            return None
+        each = [np.median(self.of_sample(i).values) for i in range(self.samples)]
+        return effective_samples(np.array(each))
+
+    def of_sample(self, sample: int) -> Cell:
+        """Return the values of one sample."""
+        here = self.sample == sample
+        return replace(
+            self,
+            values=self.values[here],
+            event_rates_hz=self.event_rates_hz[here],
+            failed=self.failed[here],
+            sample=self.sample[here],
+            training=self.training[here],
+        )
 
     @cached_property
     def event_rate_hz(self) -> float | None:

@@ -16,11 +16,17 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
-from tasks.study.results.bootstrap import resampled_medians
+from tasks.study.results.bootstrap import effective_samples, resampled_medians
 from tasks.study.results.cells import Cell
 
 TAILS = (0.025, 0.025)
 """Shares of the bootstrap draws below and above a 95 % interval."""
+
+BRACKETS = (
+    "Brackets are 95 % bootstrap intervals over samples, taken as independent. Samples of one path "
+    "are not: n is how many independent ones they are worth, by the correlation of neighbors."
+)
+"""What `Estimate.text` prints, in words."""
 
 Key = TypeVar("Key")
 
@@ -29,12 +35,15 @@ Key = TypeVar("Key")
 class Estimate:
     """A statistic of medians with its 95 % interval.
 
-    `low` and `high` are None if the samples are too few for an interval.
+    `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
+    many independent samples those of the interval are worth, which takes all of them as
+    independent; None if it is not over samples.
     """
 
     value: float
     low: float | None
     high: float | None
+    effective_samples: float | None = None
 
     def includes(self, bound: float) -> bool:
         """Whether a number is within the interval, if there is one."""
@@ -47,7 +56,7 @@ class Estimate:
         return min(self.low, self.value) > bound or max(self.high, self.value) < bound
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
-        """Format as ``+3.18 [+2.90, +3.40] dB``.
+        """Format as ``+3.18 [+2.90, +3.40; n 12] dB``, where n are the effective samples.
 
         Parameters
         ----------
@@ -71,7 +80,8 @@ class Estimate:
         low, high = (
             number_text(bound, decimals, sign, keeps_minus=True) for bound in (self.low, self.high)
         )
-        return f"{value} [{low}, {high}]{unit}"
+        worth = "" if self.effective_samples is None else f"; n {self.effective_samples:.2g}"
+        return f"{value} [{low}, {high}{worth}]{unit}"
 
 
 Values = Mapping[Key, NDArray[np.float64]]
@@ -177,7 +187,8 @@ def estimate(
         The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
         fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. The interval is as much wider than the draws
         as Student's t says for so few samples, or trainings if those are fewer. Numbers that differ
-        from 0 by rounding, as where equal scores are subtracted, are 0.
+        from 0 by rounding, as where equal scores are subtracted, are 0. The effective samples are
+        those of the statistic of each sample alone; those of several scenes add up.
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
@@ -193,7 +204,13 @@ def estimate(
     trainings = max(cell.trainings for cells in scenes for cell in cells.values())
     number = fewest if trainings == 1 else min(fewest, trainings)
     low, high = value + (ends - value) * [_widening(number, tail) for tail in tails]
-    return Estimate(value, float(low), float(high))
+    worth = 0.0
+    for cells in scenes:
+        count = min(cell.samples for cell in cells.values())
+        alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in range(count)]
+        each = [float(statistic(Medians(one, sign, of_rates))) for one in alone]
+        worth += effective_samples(np.array(each))
+    return Estimate(value, float(low), float(high), worth)
 
 
 def _widening(number: int, tail: float) -> float:

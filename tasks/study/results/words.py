@@ -63,7 +63,7 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
 
 def photoreceptor_label(photoreceptor: str) -> str:
     """Name a photoreceptor in words."""
-    words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's single pole"}
+    words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}
     return words[photoreceptor]
 
 
