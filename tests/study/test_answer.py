@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from study_rows import EI, EPF, HF, nothing_rows, paper_rows
@@ -17,8 +18,11 @@ from tasks.study.report.answer import (
     details,
     main,
     overview,
+    sample_worth,
     with_answers,
 )
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.results.bootstrap import effective_samples
 from tasks.study.results.choice import Choices, answered, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
@@ -181,10 +185,30 @@ def test_claims_are_counted_and_named() -> None:
     other = verdicts(yes, no, open_, unknown, unknown)
     text = claim_counts({"two_pole": first, "v2e": other, "one_pole": first})
     assert " ".join(text.split()).endswith(
-        "With v2e's single pole, only these verdicts change: 2 does not and 3 is undecided. With "
-        "one pole, no verdict changes."
+        "With v2e's limit for small steps, only these verdicts change: 2 does not and 3 is "
+        "undecided. With one pole, no verdict changes."
     )
     assert claim_counts({"two_pole": verdicts(unknown)}).startswith("None of the paper's claims is")
+
+
+def test_the_worth_of_samples_is_that_of_the_finest_lead() -> None:
+    """Promise: by day at base speed, for each scene; a drift along the path counts, and there is
+    nothing to say of too few samples or of ideal light alone."""
+    drift = [replace(r, value=r.value + 0.1 * r.sample * (r.width == 1280)) for r in paper_rows(EI)]
+
+    def said(rows: list[Row]) -> str:
+        return sample_worth(FinishedRun(Path(), [Scores(rows)], {}, {}))
+
+    worth = f"{effective_samples(np.arange(9.0)):.2g} of 9"
+    text, _, table = said(drift).partition("\n\n")
+    assert "lead of 1280 px over 640 px, day, 200 Hz, speed 1" in " ".join(text.split())
+    assert table.splitlines() == [
+        "|  | carpet | rocks | room |",
+        "| --- | --- | --- | --- |",
+        f"| reconstruction by event integration | {worth} | {worth} | {worth} |",
+    ]
+    assert said([r for r in drift if r.sample < 3]).endswith("| – | – | – |")
+    assert "no two sensors" in said([r for r in drift if math.isinf(r.cutoff_hz)])
 
 
 def test_all_claims_are_listed_with_their_verdicts() -> None:
@@ -198,5 +222,5 @@ def test_all_claims_are_listed_with_their_verdicts() -> None:
         "| 2 | claim 2 | does not hold |",
     ]
     both = claim_list({"two_pole": first, "v2e": verdicts(no, no)}).splitlines()
-    assert both[0] == "|  | claim | two poles | v2e's single pole |"
+    assert both[0] == "|  | claim | two poles | v2e's limit for small steps |"
     assert both[2] == "| 1 | claim 1 | holds | does not hold |"

@@ -20,8 +20,8 @@ from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.numbers import Number, SceneScores, estimated
 from tasks.study.claims.statistics import DAY, SceneCell, event_rate, lead, margin, smallest
 from tasks.study.claims.verdict import Status, settled, status_of
-from tasks.study.results.bootstrap import DRAWS
-from tasks.study.results.cells import Condition
+from tasks.study.results.bootstrap import DRAWS, effective_samples
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import Estimate, Medians, estimate
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Scores
@@ -155,8 +155,8 @@ def test_the_contradiction_in_the_papers_caption_is_told() -> None:
 
 def test_a_mean_over_scenes_is_the_papers() -> None:
     """3.18 dB in ideal light and 0.86 dB by day, from rows with the paper's medians."""
-    assert "mean of 3 scenes: +3.18 [+3.18, +3.18] dB" in verdict(3, paper_rows()).ours
-    assert "mean of 3 scenes: +0.86 [+0.86, +0.86] dB" in verdict(4, paper_rows()).ours
+    assert "mean of 3 scenes: +3.18 [+3.18, +3.18; n 3] dB" in verdict(3, paper_rows()).ours
+    assert "mean of 3 scenes: +0.86 [+0.86, +0.86; n 3] dB" in verdict(4, paper_rows()).ours
 
 
 def test_a_mean_over_scenes_is_printed_as_the_number_is() -> None:
@@ -172,7 +172,7 @@ def test_a_mean_over_scenes_is_printed_as_the_number_is() -> None:
         scenes=("carpet", "rocks"),
     )
     (found,) = judge_all(paper_rows(), {}, [own])
-    assert re.search(r"mean of 2 scenes: \d+ \[\d+, \d+\] events/s$", found.ours), found.ours
+    assert re.search(r"mean of 2 scenes: \d+ \[\d+, \d+; n 2\] events/s$", found.ours), found.ours
 
 
 def test_the_bootstrap_is_paired_and_seeded() -> None:
@@ -203,7 +203,7 @@ def test_a_difference_is_that_of_each_sample_before_its_median() -> None:
     of_1280 = {"margin": Number(margin(1280, 640, DAY), above=0)}
     (found,) = judge_all(rows, {}, [replace(own_claim(), numbers=of_1280)])
     assert found.status is Status.HOLDS
-    assert "+0.10 [+0.10, +0.10] dB" in found.ours
+    assert "+0.10 [+0.10, +0.10; n 9] dB" in found.ours
     scores = Scores(rows)
     fine, coarse = (Condition("carpet", width, DAY, 1.0) for width in (1280, 640))
     cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
@@ -253,7 +253,7 @@ def test_scores_that_differ_in_their_last_bits_are_tied() -> None:
         assert found.status is Status.UNDECIDED
         equal = table | {1280: start + bits}
         (found,) = judge_all(rows_of_day(equal), {}, [replace(own_claim(), numbers=of_1280)])
-        assert "+0.00 [+0.00, +0.00] dB, tied" in found.ours
+        assert "+0.00 [+0.00, +0.00; n 1] dB, tied" in found.ours
 
 
 def test_an_extreme_of_true_numbers_is_not_refuted_by_noise() -> None:
@@ -347,7 +347,45 @@ def test_the_least_certain_scene_decides() -> None:
 def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
     """The text has value, interval and unit, or value and unit."""
     assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
+    assert Estimate(1.0, 0.5, 1.5, 7.78).text(unit="dB") == "+1.00 [+0.50, +1.50; n 7.8] dB"
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
+
+
+def test_correlated_samples_are_worth_fewer() -> None:
+    """Theory: N (1 - r) / (1 + r) for an autoregression of order 1 with r; N for white noise, and
+    for neighbors on opposite sides; 1 for equal values, also in their last bits."""
+    noise = np.random.default_rng(0).normal(size=20_000)
+    path = noise.copy()
+    for k in range(1, len(path)):
+        path[k] += 0.8 * path[k - 1]
+    assert effective_samples(path) == pytest.approx(20_000 / 9, rel=0.05)
+    assert effective_samples(noise) == pytest.approx(20_000, rel=0.03)
+    assert effective_samples(np.tile([1.0, -1.0], 10)) == 20
+    assert effective_samples(np.array([1.0] * 7 + [1.0 + 1e-15])) == 1
+    assert effective_samples(np.arange(30.0)) == pytest.approx(1.6, abs=0.1)
+
+
+def test_the_worth_of_samples_is_that_of_their_differences() -> None:
+    """A drift that both widths share leaves their difference; a sample counts once, whatever its
+    number of items, and scenes add up."""
+    gain = np.random.default_rng(1).normal(size=20)
+    drift = 5.0 * np.arange(20)
+    of_scene = {
+        name: cell_of(np.repeat(values, 3), np.repeat(np.arange(20), 3))
+        for name, values in {"fine": drift + gain, "coarse": drift}.items()
+    }
+    alone = estimate(lambda m: m["fine"], of_scene).effective_samples
+    assert alone == of_scene["fine"].effective_samples == effective_samples(drift + gain) < 3
+    lead = estimate(lambda m: m.difference("fine", "coarse"), of_scene)
+    assert lead.effective_samples == pytest.approx(effective_samples(gain))
+    both = estimate(lambda m: m.difference("fine", "coarse"), of_scene, of_scene)
+    assert both.effective_samples == pytest.approx(2 * effective_samples(gain))
+
+
+def cell_of(values: np.ndarray, sample: np.ndarray) -> Cell:
+    nothing = np.zeros(len(values))
+    training = np.zeros(len(values), np.int64)
+    return Cell("carpet", values, nothing, nothing > 0, sample, training, len(values))
 
 
 def test_a_bound_that_rounds_to_zero_is_on_the_side_that_decides() -> None:
@@ -398,7 +436,7 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
     assert len(others) == len(CLAIMS)
     assert own.number == 101
     assert own.status is Status.HOLDS
-    assert own.ours.splitlines()[0] == "carpet: 240 over 128 px +1.61 [+1.61, +1.61] dB"
+    assert own.ours.splitlines()[0] == "carpet: 240 over 128 px +1.61 [+1.61, +1.61; n 1] dB"
     assert own.paper.splitlines() == [
         "carpet: 240 over 128 px +1.61 dB",
         "rocks: 240 over 128 px +1.47 dB",
@@ -412,7 +450,7 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
     rows = paper_rows(EI, lambda w, c, s, v: 15.0, samples=7)
     (tied,) = judge_all(rows, {}, [COARSEST_IS_WORST])
     assert tied.status is Status.UNDECIDED
-    assert tied.ours.splitlines()[0].endswith("+0.00 [+0.00, +0.00] dB, tied in these samples")
+    assert tied.ours.splitlines()[0].endswith("+0.00 [+0.00, +0.00; n 1] dB, tied in these samples")
 
 
 def test_what_the_paper_does_not_have_is_not_reported() -> None:

@@ -219,10 +219,12 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         return found.ours.partition("over the twin ")[2]
 
     one, other = run("one", 0.5), run("other", 1.5)
-    assert over_twin(one).startswith("+9.50 [+9.50, +9.50] dB at night, +0.50 [+0.50, +0.50] dB")
+    assert over_twin(one).startswith(
+        "+9.50 [+9.50, +9.50; n 1] dB at night, +0.50 [+0.50, +0.50; n 1] dB"
+    )
     both = over_twin(one, other)
     # Draws give 0.5 dB to both sides, t of two values 12.7 / 1.96 sqrt(2) times that.
-    assert both.startswith("+10.00 [+5.42, +14.58] dB at night, +1.00 [−3.58, +5.58] dB")
+    assert both.startswith("+10.00 [+5.42, +14.58; n 1] dB at night, +1.00 [−3.58, +5.58; n 1] dB")
     finer = run("finer", 0.5, render={"spp": 16})
     with pytest.raises(ResultError, match=r"finer.*: render: found .*, expected None as in .*one"):
         scores_of_run(one, finer)

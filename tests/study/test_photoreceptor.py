@@ -142,14 +142,14 @@ def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres)
     assert not (alone / "tables_v2e.csv").exists()
     assert 'id="photoreceptor"' in page
     assert 'id="photoreceptor"' not in lone
-    assert "v2e&#39;s single pole" in page or "v2e's single pole" in page
+    assert "v2e&#39;s limit for small steps" in page or "v2e's limit for small steps" in page
     assert "lead of 1280 px over 640 px" in page
     (run / "study.json").write_text(json.dumps({"base_m_per_s": {"carpet": 3.0}}))
     (section,) = re.findall(r'<section id="photoreceptor".*?</section>', page_of(run), re.DOTALL)
     assert "day, 3 m/s" in section
     code, out, _ = eres("claims", run)
     assert code == 0
-    assert "With v2e's single pole: " in out
+    assert "With v2e's limit for small steps: " in out
 
 
 def test_sensors_have_their_names_in_the_section(tmp_path) -> None:

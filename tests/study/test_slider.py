@@ -329,4 +329,4 @@ def test_both_readings_of_prints_are_judged_on_claim_22_alone(tmp_path, eres):
     run = made_on_slider(tmp_path, rows + [replace(row, photoreceptor="v2e") for row in rows])
     assert 'id="photoreceptor"' in page_of(run)
     code, out, _ = eres("claims", run)
-    assert (code, out.count("With v2e's single pole: ")) == (0, 1)
+    assert (code, out.count("With v2e's limit for small steps: ")) == (0, 1)

@@ -287,6 +287,15 @@ def test_a_line_of_the_csv_is_written_once() -> None:
     assert (line["sensor"], line["illuminance_lux"], line["cutoff_hz"]) == ("mine", "150.0", "")
 
 
+def test_the_csv_says_what_the_samples_are_worth() -> None:
+    """Theory: 9 values on a line have r = 40 / 60, so they are worth 1.8; too few have no number."""
+    for samples, worth in ((9, "1.8"), (5, "")):
+        rows = paper_rows(EI, samples=samples, scenes=("carpet",))
+        (table,) = main_tables(Scores([replace(r, value=20.0 + r.sample) for r in rows]))
+        line, *_ = csv.DictReader(io.StringIO(to_csv([table])))
+        assert line["effective_samples"] == worth
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "text"),
     [(0.0, "0.00"), (4.2, "0.0000042"), (12_300.0, "0.012"), (4.321e5, "0.43"), (1.2e9, "1200")],
