@@ -76,10 +76,11 @@ class SensorModel:
         with the thresholds of that pixel, as if the sensor had been running in changing light. If
         False, all memories start exactly at the first frame.
     photoreceptor
-        "two_pole", two equal poles in series; "one_pole"; or "v2e", the filter of v2e since March
-        2021 (Hu, Liu and Delbruck 2021): one pole with the cutoff `cutoff_hz` (v + 20) / 275, where
-        v is the light on a scale with white at 255. Between two frames it is constant, that of the
-        mean of their log intensities.
+        "two_pole", two equal poles in series; "one_pole"; or "v2e", v2e's limit for small steps:
+        the filter of v2e since March 2021 (Hu, Liu and Delbruck 2021), one pole with the cutoff
+        `cutoff_hz` (v + 20) / 275, where v is the light on a scale with white at 255, but solved
+        exactly, not by v2e's one step per frame. Between two frames the cutoff is constant, that of
+        the mean of their log intensities.
     cutoff_reference
         The I + I_dark at which the cutoff is `cutoff_hz`; the cutoff is proportional to it, since
         bandwidth is proportional to photocurrent (Lichtsteiner et al. 2008). None: the cutoff does

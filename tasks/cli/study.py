@@ -68,7 +68,8 @@ def study(
     resolution
         Side of the rendered frames, px; finer sensors are left out.
     photoreceptor
-        two_pole, one_pole or v2e, or several of them, on the same frames.
+        two_pole, one_pole or v2e (v2e's limit for small steps), or several of them, on the same
+        frames.
     trajectory
         File of poses in TUM format, in place of the path of the one scene.
     method

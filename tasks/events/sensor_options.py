@@ -28,8 +28,8 @@ class PixelOptions:
         Electronics of a real sensor: a name (`eres sensors` lists them) or a TOML file. Other
         options override it.
     photoreceptor
-        two_pole, one_pole, or v2e: one pole whose cutoff depends on each pixel's light as in v2e;
-        two_pole by default. The other two need a cutoff.
+        two_pole, one_pole, or v2e: v2e's limit for small steps, one pole whose cutoff depends on
+        each pixel's light; two_pole by default. The other two need a cutoff.
     threshold_off
         Contrast threshold of OFF events, log units; by default that of ON events.
     cutoff

@@ -119,8 +119,8 @@ class Simulate:
     warmup_time_constants
         Warm-up before a window at least, in time constants of a sensor's own filter at its speed.
     photoreceptors
-        Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`. "two_pole" becomes the
-        first, which the report shows in full.
+        Each is "two_pole", "one_pole" or "v2e" (v2e's limit for small steps), see
+        `sensor.SensorModel`. "two_pole" becomes the first, which the report shows in full.
     sensors
         Named sensors, in addition to the widths; see `tasks.study.sensors`.
     illuminance_lux

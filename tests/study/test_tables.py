@@ -288,7 +288,7 @@ def test_a_line_of_the_csv_is_written_once() -> None:
 
 
 def test_the_csv_says_what_the_samples_are_worth() -> None:
-    """Theory: 9 values on a line have r = 40 / 60, so they are worth 1.8; too few have no number."""
+    """Theory: 9 values on a line have r = 40 / 60, so are worth 1.8; too few have no number."""
     for samples, worth in ((9, "1.8"), (5, "")):
         rows = paper_rows(EI, samples=samples, scenes=("carpet",))
         (table,) = main_tables(Scores([replace(r, value=20.0 + r.sample) for r in rows]))
