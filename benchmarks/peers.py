@@ -13,13 +13,16 @@ time.
   measured alone.
 - v2e's emulator (PyTorch), `v2ecore.emulator`, with its own lin-log scale and on the CPU; from
   https://github.com/SensorsINI/v2e: `pip install -e` of a clone, or its folder on PYTHONPATH.
-
+- EventCV's simulator in Rust, `eventcv.simulate`: `pip install eventcv`. It follows v2e, with the
+  same lin-log scale, and has no way around it. It linearizes its frames, so it gets floats that are
+  encoded as sRGB, which the first run makes. Its upsampling is off.
+- evlib's `ESIMSimulator` (PyTorch): `pip install evlib torch`. It has no filter.
 - ESIM's core in C++, `esim_py`; from https://github.com/uzh-rpg/rpg_vid2e. It reads image files: it
   gets the frames rounded to 8 bits, as uncompressed files in memory, which the first run writes.
   It has no filter.
 
-All but the last get frames that are scaled to 0..255, but not rounded. The filters differ, so at
-200 Hz the simulators fire different events.
+OpenEB, v2e and evlib get frames that are scaled to 0..255, but not rounded. The filters differ, so
+at 200 Hz the simulators fire different events.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ import atexit
 import importlib.util
 import logging
 import math
+import os
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -41,6 +45,7 @@ from numpy.typing import NDArray
 from process_times import Times, times_now
 
 from sensor import SensorModel, simulate, stream
+from sensor.encoding import to_srgb
 
 _C = 0.2
 _ARGSORT = "OpenEB's argsort"
@@ -126,6 +131,57 @@ def v2e(_: int) -> dict[str, Simulator]:
     return {"v2e, lin-log": run}
 
 
+def eventcv(_: int) -> dict[str, Simulator]:
+    """Return EventCV's simulator."""
+    os.environ["RAYON_NUM_THREADS"] = "1"
+    import eventcv as library
+
+    encoded: list[NDArray[np.float32]] = []
+
+    def run(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+        if not encoded or not any(frames is one for one in encoded):
+            encoded[:] = [frames, to_srgb(frames / 255)]
+        events = library.simulate(
+            encoded[1],
+            pos_thres=_C,
+            neg_thres=_C,
+            sigma_thres=0.0,
+            refractory_us=0,
+            cutoff_hz=0.0 if math.isinf(cutoff_hz) else cutoff_hz,
+            leak_rate_hz=0.0,
+            shot_noise_rate_hz=0.0,
+            upsample="off",
+            fps=1e6 / float(t_us[1] - t_us[0]),
+        )
+        return len(events)
+
+    return {"EventCV, lin-log": run}
+
+
+def evlib(_: int) -> dict[str, Simulator]:
+    """Return evlib's simulator, with the filter off only."""
+    import torch
+    from evlib.simulation import ESIMConfig, ESIMSimulator
+
+    torch.set_num_threads(1)
+    config = ESIMConfig(
+        positive_threshold=_C,
+        negative_threshold=_C,
+        refractory_period_ms=0.0,
+        device="cpu",
+    )
+
+    def run(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+        simulator = ESIMSimulator(config)
+        found = [
+            simulator.process_frame(frame, t * 1e-6)
+            for frame, t in zip(frames, t_us.tolist(), strict=True)
+        ]
+        return len(np.concatenate([t for _, _, t, _ in found]))
+
+    return {"evlib": run}
+
+
 def esim(_: int) -> dict[str, Simulator]:
     """Return ESIM's core, with the filter off only."""
     import esim_py
@@ -147,8 +203,14 @@ def esim(_: int) -> dict[str, Simulator]:
 
 
 # The module that must be installed, and the function that makes the simulator.
-PEERS = {"metavision_core_ml": openeb, "v2ecore": v2e, "esim_py": esim}
-UNFILTERED = {"ESIM, 8 bits"}
+PEERS = {
+    "metavision_core_ml": openeb,
+    "v2ecore": v2e,
+    "eventcv": eventcv,
+    "evlib": evlib,
+    "esim_py": esim,
+}
+UNFILTERED = {"evlib", "ESIM, 8 bits"}
 
 
 def main() -> None:
