@@ -38,7 +38,8 @@ def test_what_the_paper_says_holds() -> None:
     assert (one.number, one.status) == (1, Status.HOLDS)
     assert (two.number, two.status) == (2, Status.HOLDS)
     assert "γ = 0.90 [0.80, 1.00] everywhere, 1.30 [1.20, 1.40] at edges" in one.ours
-    assert "γ = 1.00 [1.00, 1.00; n 1]; |L_t|" in one.ours  # rates as width^3: 1 more than the pixels
+    # Rates as width^3: 1 more than the pixels.
+    assert "γ = 1.00 [1.00, 1.00; n 1]; |L_t|" in one.ours
     assert "128,000 → 240,000 → 346,000 → 640,000 → 1,280,000 events/s per pixel" in one.ours
     assert "night, speed 2: 4.5 → 2.8 → 1.8 → 1.1 → 0.45 ms" in two.ours
 

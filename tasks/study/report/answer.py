@@ -153,23 +153,20 @@ def sample_worth(run: FinishedRun) -> str:
         finest sensor over the next in the most light with a cutoff, at the lowest speed.
     """
     found = {one: leads({"": run.scores}, one) for one in run.firsts}
-    first = {one: of_one[0] for one, of_one in found.items() if of_one}
+    first = {one: leads_of_one[0] for one, leads_of_one in found.items() if leads_of_one}
     if not first:
         return "This run compares no two sensors behind a photoreceptor."
     at = max(one.cutoff_hz for one in first.values()), min(one.speed for one in first.values())
+    worth = {
+        (series, one.scene): one.found[""].effective_samples
+        for series, leads_of_one in found.items()
+        for one in leads_of_one
+        if (one.cutoff_hz, one.speed) == at and one.found[""]
+    }
     columns = [["", *(one.title for one in first)]]
     for scene in run.scenes:
-        column = [scene]
-        for series in first:
-            here = [
-                one
-                for one in found[series]
-                if (one.scene, one.cutoff_hz, one.speed) == (scene, *at)
-            ]
-            worth = [one.found[""].effective_samples for one in here if one.found[""]]
-            samples = run.scores.samples(series, scene)
-            column.append(f"{worth[0]:.2g} of {samples}" if worth and worth[0] else MISSING)
-        columns.append(column)
+        of_scene = [(worth.get((one, scene)), run.scores.samples(one, scene)) for one in first]
+        columns.append([scene, *(f"{n:.2g} of {count}" if n else MISSING for n, count in of_scene)])
     fine, coarse = map(run.scores.sensor_label, next(iter(first.values())).widths)
     text = (
         "Intervals take the samples of a scene as independent. By the correlation of neighbors on "
