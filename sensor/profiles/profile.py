@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 from sensor.model import SensorModel, cutoff_in_light
 from sensor.profiles.quantities import FIELDS, QUANTITIES
@@ -30,6 +30,21 @@ class Sourced:
     interval: tuple[float, float] | None = None
 
 
+class Bound(NamedTuple):
+    """The interval of a value that is not known: it is never simulated.
+
+    Parameters
+    ----------
+    interval
+        (2,) its ends in the unit of `SensorModel`; one that is 0 or inf is open.
+    source
+        As of `Sourced`.
+    """
+
+    interval: tuple[float, float]
+    source: str
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """The electronics of a sensor.
@@ -42,6 +57,8 @@ class Profile:
         Which sensor it describes.
     known
         The known values by field.
+    bounds
+        The intervals of other fields.
 
     Examples
     --------
@@ -56,10 +73,11 @@ class Profile:
     name: str
     title: str
     known: Mapping[str, Sourced]
+    bounds: Mapping[str, Bound] = field(default_factory=dict)
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Fields that the profile does not give; a sensor keeps its own values there."""
+        """Fields without a value; a sensor keeps its own there."""
         return tuple(name for name in FIELDS if name not in self.known)
 
     def number(self, name: str) -> float | None:

@@ -10,7 +10,7 @@ from typing import Any
 from sensor.errors import SensorError, nearest
 from sensor.model import PHOTORECEPTORS, SensorModel
 from sensor.numbers import real, refusal
-from sensor.profiles.profile import Profile, Sourced
+from sensor.profiles.profile import Bound, Profile, Sourced
 from sensor.profiles.quantities import FIELDS, QUANTITIES
 
 _FOLDER = Path(__file__).parent
@@ -64,8 +64,8 @@ def read_profile(file: str | Path) -> Profile:
     ----------
     file
         A file with a `title` and a table for each known field: `value`, `unit`, `source`, and, if
-        it was measured, its 95 % `interval`. Fields and units are those of
-        `sensor.profiles.quantities`.
+        it was measured, its 95 % `interval`. A table with an interval and no value is a bound.
+        Fields and units are those of `sensor.profiles.quantities`.
 
     Returns
     -------
@@ -99,15 +99,20 @@ def read_profile(file: str | Path) -> Profile:
     if not isinstance(title, str):
         raise SensorError(f"{file}: title: found {title!r}, expected the name of the sensor")
     known: dict[str, Sourced] = {}
+    bounds: dict[str, Bound] = {}
     for name, facts in table.items():
         if name not in FIELDS:
             raise SensorError(f"{file}: {name}: unknown; {nearest(name, FIELDS)}")
         try:
-            known[name] = _sourced(name, facts)
+            found = _read(name, facts)
         except SensorError as error:
             raise SensorError(f"{file}: {error}") from None
+        if isinstance(found, Bound):
+            bounds[name] = found
+        else:
+            known[name] = found
     packaged = file.parent == _FOLDER
-    profile = Profile(file.stem if packaged else str(file), title, known)
+    profile = Profile(file.stem if packaged else str(file), title, known, bounds)
     try:
         profile.applied_to(SensorModel(width=1, height=1, dark_level=1.0))
     except SensorError as error:
@@ -115,7 +120,7 @@ def read_profile(file: str | Path) -> Profile:
     return profile
 
 
-def _sourced(name: str, facts: Any) -> Sourced:
+def _read(name: str, facts: Any) -> Sourced | Bound:
     if not isinstance(facts, dict):
         raise refusal(name, facts, "a table with value, unit and source")
     for one in facts:
@@ -137,17 +142,20 @@ def _sourced(name: str, facts: Any) -> Sourced:
     if interval is not None and not (isinstance(interval, list) and len(interval) == 2):
         raise refusal(f"{name}.interval", interval, "two numbers, or none")
     convert = units[unit]
-    numbers = [
-        convert(_number(f"{name}.{fact}", one))
-        for fact, one in [("value", value), *(("interval", one) for one in interval or [])]
-    ]
-    if not math.isfinite(numbers[0]) and name != "cutoff":
+    ends = None
+    if interval is not None:
+        low, high = (convert(_number(f"{name}.interval", one)) for one in interval)
+        if low > high:
+            raise refusal(f"{name}.interval", interval, "its lower end first")
+        if value is None:
+            return Bound((low, high), source)
+        ends = low, high
+    number = convert(_number(f"{name}.value", value))
+    if not math.isfinite(number) and name != "cutoff":
         raise refusal(f"{name}.value", value, f"a finite number of {unit}")
-    if numbers[0] == 0 and name == "illuminance":
+    if number == 0 and name == "illuminance":
         raise refusal(f"{name}.value", value, f"a positive number of {unit}")
-    if interval and not numbers[1] <= numbers[2]:
-        raise refusal(f"{name}.interval", interval, "its lower end first")
-    return Sourced(numbers[0], source, (numbers[1], numbers[2]) if interval else None)
+    return Sourced(number, source, ends)
 
 
 def _number(name: str, value: object) -> float:

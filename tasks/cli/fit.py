@@ -120,14 +120,14 @@ def fit(
         for one in found.sweep:
             sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
-    _print_remarks(found)
+    _print_remarks(found, shift_us if crop is None else None)
     for note in notes:
         terminal.out.print(note, soft_wrap=True, highlight=False)
     terminal.out.print(f"{out}: {len(fields)} fields", soft_wrap=True)
 
 
-def _print_remarks(found: Found) -> None:
-    """Print what the fields of the profile do not say."""
+def _print_remarks(found: Found, shift_us: int | None) -> None:
+    """Print what the fields of the profile do not say; frames were shifted by `shift_us`."""
     from tasks.recording.motion import NOISY
 
     if found.thresholds is not None:
@@ -145,6 +145,12 @@ def _print_remarks(found: Found) -> None:
             f"{100 * found.motion.unexplained:.0f} % of the change of the light stays unexplained",
             soft_wrap=True,
         )
+        if found.motion.may_be_a_shift:
+            advice = ""
+            if shift_us is not None:
+                option = f"--frames-shift-us {shift_us + round(found.motion.shift_us)}"
+                advice = f": if it is one, {option} removes it"
+            terminal.out.print(f"{found.motion.shift_sentence()}{advice}", soft_wrap=True)
     if found.response is not None:
         early, middle, late = (1e6 * one for one in found.response.first_event_s)
         terminal.out.print(

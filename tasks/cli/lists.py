@@ -48,7 +48,7 @@ def sensors(
     Cameras are for `eres simulate --sensor`, profiles for `--profile`.
 
     The cameras are those of the paper's Table 1. With the name or file of a profile, list its known
-    values with units, 95 % intervals and sources, and the unknown ones.
+    values with units, 95 % intervals and sources, the bounds of others, and the unknown ones.
     """
     if profile is not None:
         _show(profile)
@@ -90,18 +90,18 @@ def _list_profiles() -> None:
 
 def _show(name: str) -> None:
     """List the known and unknown values of a profile."""
-    from sensor.profiles import find_profile
+    from sensor.profiles import Sourced, find_profile
     from sensor.profiles.quantities import FIELDS, QUANTITIES
 
     profile = find_profile(name)
     terminal.out.print(profile.title)
     table = Table("field", "value", "unit", "95 % interval", "source", box=None)
     for field in FIELDS:
-        found = profile.known.get(field)
+        found = profile.known.get(field) or profile.bounds.get(field)
         if found is None:
             table.add_row(field, "unknown", "", "", "")
             continue
-        value = found.value
+        value = found.value if isinstance(found, Sourced) else "bound"
         low_high = "" if found.interval is None else "{:.4g} to {:.4g}".format(*found.interval)
         table.add_row(
             field,

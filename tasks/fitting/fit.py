@@ -139,25 +139,13 @@ class Found:
         fields: dict[str, Measured] = {}
         if self.response is not None:
             source = f"{recording}: {self.response.steps} steps of the light"
-            fields["photoreceptor"] = Measured(
-                self.response.photoreceptor, "", f"{source}; the better of one and two poles"
-            )
-            fields["cutoff"] = Measured(self.response.cutoff_hz, "Hz", f"{source}, in their light")
-            fields["latency"] = Measured(
-                self.response.latency_s, "s", f"{source}; the delay that the poles do not explain"
-            )
+            fields |= _of_filter(self.response, source, "in their light")
         if self.motion is not None:
             source = f"{recording}: {self.motion.events} events of light in motion"
-            if self.motion.photoreceptor is not None:
-                fields["photoreceptor"] = Measured(
-                    self.motion.photoreceptor, "", f"{source}; the better of one and two poles"
-                )
-            else:
-                source += "; one pole fits as well as two"
-            fields["cutoff"] = Measured(self.motion.cutoff_hz, "Hz", f"{source}, in its light")
-            fields["latency"] = Measured(
-                self.motion.latency_s, "s", f"{source}; the delay that the poles do not explain"
-            )
+            clock = "an offset of the frames' clock counts as latency"
+            if self.motion.may_be_a_shift:
+                clock = self.motion.shift_sentence()
+            fields |= _of_filter(self.motion, f"{source}; {clock}", "in its light")
         if self.thresholds is not None:
             share = 100 * self.thresholds.dark
             source = f"{recording}: light in motion, with a dark level of {share:g} % of white; "
@@ -178,6 +166,22 @@ class Found:
             if self.noise.hot_pixel_hz is not None:
                 fields["hot_pixel_rate"] = Measured(self.noise.hot_pixel_hz, "Hz", hot)
         return fields
+
+
+def _of_filter(found: Response | MotionResponse, source: str, light: str) -> Mapping[str, Measured]:
+    """Return photoreceptor, cutoff and latency; a bounded filter does not show its poles."""
+    fields: dict[str, Measured] = {}
+    if found.photoreceptor is None:
+        source += "; one pole fits as well as two"
+    elif not found.cutoff_hz.is_bound:
+        fields["photoreceptor"] = Measured(
+            found.photoreceptor, "", f"{source}; the better of one and two poles"
+        )
+    fields["cutoff"] = Measured(found.cutoff_hz, "Hz", f"{source}; {light}")
+    fields["latency"] = Measured(
+        found.latency_s, "s", f"{source}; the delay that the poles do not explain"
+    )
+    return fields
 
 
 def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> Found:

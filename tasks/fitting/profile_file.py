@@ -18,7 +18,7 @@ class Measured(NamedTuple):
     ----------
     value
         An estimate in the given unit, a number that was not estimated, or the name of a
-        photoreceptor.
+        photoreceptor. An estimate that is only a bound is written without its value.
     unit
         Its unit, one of `sensor.profiles.quantities`; empty for a name.
     source
@@ -48,7 +48,8 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
         if isinstance(value, str):
             parts.append(f"value = {_text(value)}")
         elif isinstance(value, Estimate):
-            parts.append(f"value = {value.value:.6g}")
+            if not value.is_bound:
+                parts.append(f"value = {value.value:.6g}")
             parts.append(f"interval = [{value.low:.6g}, {value.high:.6g}]")
         else:
             parts.append(f"value = {value:.6g}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -36,7 +37,14 @@ class Estimate(NamedTuple):
         """Return the estimate with an upper end of which the old one lacks this share."""
         return Estimate(self.value, self.low, self.high / (1 - share) if share < 1 else np.inf)
 
+    @property
+    def is_bound(self) -> bool:
+        """Whether one end of the interval is 0 or inf: the number is bounded, and not known."""
+        return self.low <= 0 or math.isinf(self.high)
+
     def __str__(self) -> str:
+        if self.is_bound:
+            return f"at least {self.low:.4g}" if self.low > 0 else f"at most {self.high:.4g}"
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 

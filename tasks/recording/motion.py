@@ -24,6 +24,9 @@ _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, 
 NOISY = 0.05
 """If a larger share of the change of light is unexplained, the filter cannot be told from it, and
 thresholds are underestimated."""
+_AS_WELL = 0.1
+# Of what a delay leaves: a filter that explains less may be that of the errors of the light, which
+# explains up to 0.057 in simulations of sensors without one.
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 _LEAST_US = 1.0  # delay of a sensor that is not late
 _EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well
@@ -44,6 +47,8 @@ class MotionResponse(NamedTuple):
         the filter from a delay.
     latency_s
         The part of the delay that the poles do not explain.
+    shift_us
+        Shift of the light's clock that explains the delay best without a filter, microseconds.
     unexplained
         Share of the squared change of the light from event to event that the fit does not explain.
     events
@@ -54,8 +59,21 @@ class MotionResponse(NamedTuple):
     delay_s: Estimate
     cutoff_hz: Estimate
     latency_s: Estimate
+    shift_us: float
     unexplained: float
     events: int
+
+    @property
+    def may_be_a_shift(self) -> bool:
+        """Whether clocks that disagree explain the delay as well as a filter."""
+        return self.cutoff_hz.is_bound and not self.delay_s.is_bound
+
+    def shift_sentence(self) -> str:
+        """Return a sentence on the shift that may be all of the delay."""
+        return (
+            f"a shift of the frames' clock by {1e-3 * self.shift_us:.2g} ms explains the delay as "
+            "well as a filter"
+        )
 
     @property
     def poles(self) -> int:
@@ -81,8 +99,9 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     change of the answer with light from every second frame, and by 5 % of the time constant for
     thresholds that differ between pixels by up to 10 %. An exposure smooths the frames as the
     filter smooths the events, so the lower end of the cutoff includes its smoothing. A filter also
-    smooths errors of the light: if more than a twentieth of its change is unexplained, the cutoff
-    is only bounded from below, and the latency by the delay.
+    smooths errors of the light: if more than a twentieth of its change is unexplained, or the
+    filter explains less than a tenth of what a delay alone leaves, the cutoff is only bounded
+    from below, and the latency by the delay: light on a clock that is early explains as much.
 
     Parameters
     ----------
@@ -126,15 +145,17 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     latency = latency.widened(poles * (slowest - pole.high))
     late = 1e6 * latency.value, pole.value, poles
     unexplained = fit_line(levels, *late).unexplained
-    if unexplained > NOISY:
+    alone = fit_line(levels, start_us).unexplained
+    if unexplained > NOISY or unexplained > (1 - _AS_WELL) * alone:
         pole = Estimate(pole.value, 0.0, slowest)
-    if unexplained > NOISY or latency.value < 1e-6:  # at its bound, the draws do not vary
+    if pole.low <= 0 or latency.value < 1e-6:  # at its bound, the draws do not vary
         latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
         delay_s=delay,
         cutoff_hz=Estimate(*(_corner_hz(one) for one in (pole.value, slowest, pole.low))),
         latency_s=latency,
+        shift_us=start_us,
         unexplained=unexplained,
         events=len(levels),
     )

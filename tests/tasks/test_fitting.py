@@ -3,6 +3,7 @@
 import functools
 import math
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,15 +18,16 @@ from moving_texture import texture_in_motion
 from sensor import EventFormatError, Events, SensorModel, simulate
 from sensor.formats import Triggers, write_events
 from sensor.profiles import read_profile
+from sensor.profiles.quantities import QUANTITIES
 from tasks.errors import TaskError
 from tasks.fitting.fit import Evidence, Found
 from tasks.fitting.fit import fit as fit_recording
-from tasks.fitting.profile_file import write_profile
+from tasks.fitting.profile_file import Measured, write_profile
 from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
 from tasks.fitting.stillness import counts, fit_noise, neighbors_together
 from tasks.footage import Footage
-from tasks.numerics.estimate import bootstrap, poisson_rate, share
+from tasks.numerics.estimate import Estimate, bootstrap, poisson_rate, share
 from tasks.recording.frames import open_frames
 from tasks.recording.levels import Levels, levels_of
 from tasks.recording.line import best_delay_us, fit_line, solved
@@ -515,7 +517,7 @@ def test_dark_levels_that_nobody_asked_for_may_not_fit(tmp_path, monkeypatch):
 def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
     """Promise: RECORDING in, a profile with intervals and sources out, and a sentence about the
     dark level; frames may be several pixels of motion apart."""
-    events = moving(0.2, 0.25, 1e-2, cutoff_hz=200.0, latency_s=1e-3)
+    events = moving(0.2, 0.25, 1e-2, cutoff_hz=100.0, latency_s=1e-3)
     write_events(tmp_path / "recording.h5", events)
     folder = frames_of(tmp_path / "frames", 6)
     out = tmp_path / "mine.toml"
@@ -525,10 +527,10 @@ def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
     )
     assert (code, err) == (0, "")
     assert "the answer depends on the dark level: from 0.03 to 10 % of white, ON is" in printed
-    assert "delay of slow changes: 0.002" in printed
+    assert "delay of slow changes: 0.004" in printed
     profile = read_profile(out)
     assert profile.title == "My camera"
-    for name, truth in (("threshold_on", 0.2), ("threshold_off", 0.25), ("cutoff", 200.0)):
+    for name, truth in (("threshold_on", 0.2), ("threshold_off", 0.25), ("cutoff", 100.0)):
         low, high = profile.known[name].interval
         assert low < truth < high, name
     assert (
@@ -544,6 +546,31 @@ def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
     assert (code, "dark: found 0.01, expected it only with --frames or" in err) == (1, True)
 
 
+def test_a_shift_of_the_clock_is_not_a_filter(eres, tmp_path):
+    """Promise: frames that are stamped 3 ms early, of a sensor without a delay, give a bound of the
+    cutoff and no poles, and the sentence with the shift is in the file too; the printed option
+    removes the delay."""
+    write_events(tmp_path / "recording.h5", moving(0.2, 0.25, 1e-2))
+    folder = frames_of(tmp_path / "frames", 6)
+    table = folder / "frames.csv"
+    head, *rows = table.read_text().splitlines()
+    early = [(int(row.split(",")[0]) - 3000, row.split(",")[2]) for row in rows]
+    table.write_text("\n".join([head, *(f"{t_us},{t_us},{file}" for t_us, file in early)]))
+    given = "fit", tmp_path / "recording.h5", "--frames", folder, "--motion", "--dark", 1e-2
+    code, printed, err = eres(*given, "--out", tmp_path / "mine.toml")
+    assert (code, err) == (0, "")
+    assert re.search(r"cutoff +at least \d+", printed)
+    shift = re.search("(a shift of .* filter): .*(--frames-shift-us) (\\d+)", printed)
+    assert int(shift[3]) == pytest.approx(3000, abs=100)
+    profile = read_profile(tmp_path / "mine.toml")
+    assert {"cutoff", "latency", "photoreceptor"} < {*profile.unknown}
+    assert all(shift[1] in profile.bounds[name].source for name in ("cutoff", "latency"))
+    assert profile.applied_to(SensorModel(width=4, height=4)).cutoff_hz == math.inf
+    _, printed, _ = eres(*given, *shift.groups()[1:], "--out", tmp_path / "again.toml")
+    assert "delay of slow changes: at most " in printed
+    assert "a shift of" not in printed
+
+
 def test_a_profile_of_everything_can_be_read_again(tmp_path):
     events, rises_us = flashes(200.0, 2e-4)
     found = fit_recording(events, Evidence(rises_us=rises_us, still_s=(0.0, 0.001)))
@@ -553,6 +580,27 @@ def test_a_profile_of_everything_can_be_read_again(tmp_path):
     assert profile.known["photoreceptor"].value == "two_pole"
     assert profile.known["shot_noise_exponent"].interval is None
     assert profile.known["cutoff"].interval[0] < 200 < profile.known["cutoff"].interval[1]
+
+
+@pytest.mark.parametrize("ends", [(0.0, 0.02), (25.0, math.inf)])
+def test_a_bound_is_not_a_value(ends, tmp_path, eres):
+    """Promise: whatever the quantity, an estimate whose interval is open at one end is written and
+    listed as a bound, and no sensor is made of it."""
+    fields = {
+        name: Measured(Estimate(1.0, *ends), next(iter(one.units)), "rec.h5")
+        for name, one in QUANTITIES.items()
+    }
+    write_profile(tmp_path / "mine.toml", "mine", fields)
+    profile = read_profile(tmp_path / "mine.toml")
+    assert profile.known == {}
+    assert {name: one.interval for name, one in profile.bounds.items()} == dict.fromkeys(
+        QUANTITIES, ends
+    )
+    plain = SensorModel(width=4, height=4, leak_hz=0.3)
+    assert profile.applied_to(plain) == plain
+    _, listed, _ = eres("sensors", tmp_path / "mine.toml")
+    rows = re.findall(r"^ *(\w+) +bound .* {:g} to {:g} ".format(*ends), listed, re.MULTILINE)
+    assert set(rows) == {*QUANTITIES}
 
 
 EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, height=4)
@@ -588,7 +636,7 @@ def test_a_recording_whose_name_is_not_utf_8_has_a_profile(eres, tmp_path):
     assert "caf\\udce9.toml: " in printed
     profile = read_profile(out)
     assert profile.title == "caf\N{REPLACEMENT CHARACTER}.npz"
-    assert profile.known["leak"].source.startswith(f"{profile.title}: a still stretch")
+    assert profile.known["shot_noise"].source.startswith(f"{profile.title}: a still stretch")
 
 
 def test_a_profile_may_be_named_with_a_control_character(tmp_path):
