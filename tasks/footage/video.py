@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
@@ -72,21 +73,41 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
             for packet in container.demux(stream)
             if packet.size and not packet.is_discard and _is_shown(packet, stream.codec.name)
         ]
-        step = Fraction(stream.time_base) if stream.time_base else None
+        tick_s = Fraction(stream.time_base or 0)
         stated_us, start = container.duration, stream.start_time or 0
+    timed = tick_s > 0 and None not in shown
+    if timed:
+        shown = _from_first_shown(sorted(shown), path)
     if len(shown) < 2:
         raise TaskError(f"{path}: found {len(shown)} frames, expected two or more")
-    timed = step is not None and None not in shown
-    times = sorted(shown) if timed else []
     if timed and stated_us is not None:
-        _warn_if_short([(t - start) * step for t in times], stated_us / 1e6, path)
+        _warn_if_short([(t - start) * tick_s for t in shown], stated_us / 1e6, path)
     if fps is not None:
         return [round(k * 1e9 / fps) for k in range(len(shown))]
     if not timed:
         raise TaskError(f"{path}: found frames without a time, expected --fps")
-    if len(set(times)) < len(times):
+    if len(set(shown)) < len(shown):
         raise TaskError(f"{path}: found two frames at the same time, expected --fps")
-    return [round(t * step * 10**9) for t in times]
+    return [round(t * tick_s * 10**9) for t in shown]
+
+
+def _from_first_shown(times: list[int], path: Path) -> list[int]:
+    """Return the times from the first frame that the decoder shows.
+
+    Frames before it are of a longer video: where it was cut, at a keyframe of an open group of
+    pictures or between those of a gradual refresh, they need frames that are no longer there.
+    """
+    with _open(path) as (container, stream):
+        first = next(container.decode(stream), None)
+    if first is None or first.pts is None:
+        return times
+    kept = times[bisect_left(times, first.pts) :]
+    if len(kept) < len(times):
+        _log.info(
+            "%s: its first %d frames need others from before a cut; they are left out",
+            *(path, len(times) - len(kept)),
+        )
+    return kept
 
 
 def _warn_if_short(times_s: Sequence[Fraction], stated_s: float, path: Path) -> None:

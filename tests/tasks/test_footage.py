@@ -43,20 +43,34 @@ def write_folder(folder, images, suffix):
     return folder
 
 
-def write_video(path, planes, *, times=None, codec="ffv1", pixels="yuv444p", matrix=1, wide=1):
-    """Write (T, 3, H, W) planes as a lossless video with the given tags; times in milliseconds."""
+def write_video(
+    path,
+    planes,
+    *,
+    times=None,
+    tick_s=Fraction(1, 1000),
+    rate=1000,
+    codec="ffv1",
+    pixels="yuv444p",
+    matrix=1,
+    wide=1,
+    **more,
+):
+    """Write (T, 3, H, W) planes as a lossless video with the given tags; times in ticks, or those
+    of the rate."""
+    tick_s = tick_s if times else 1 / Fraction(rate)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=1000)
+        stream = container.add_stream(codec, rate=rate, options=more)
         size = (planes.shape[1] * 2 // 3, planes.shape[2]) if pixels == "yuv420p" else None
         stream.height, stream.width = size or planes.shape[-2:]
         stream.pix_fmt = pixels
-        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.codec_context.time_base = tick_s
         stream.codec_context.colorspace = matrix
         stream.codec_context.color_range = wide
-        for t_ms, plane in zip(times or range(len(planes)), planes, strict=True):
+        for t, plane in zip(times or range(len(planes)), planes, strict=True):
             frame = av.VideoFrame.from_ndarray(plane, format=pixels)
             frame.colorspace, frame.color_range = matrix, wide
-            frame.pts, frame.time_base = t_ms, Fraction(1, 1000)
+            frame.pts, frame.time_base = t, tick_s
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
@@ -622,6 +636,50 @@ def test_videos_keep_their_own_times(tmp_path):
     video = write_video(tmp_path / "a.mkv", planes, times=[0, 10, 13, 40, 41])
     np.testing.assert_allclose(open_footage(video).t_s, [0, 0.010, 0.013, 0.040, 0.041])
     np.testing.assert_allclose(open_footage(video, fps=1000).t_s, np.arange(5) / 1000)
+
+
+OPEN = "open-gop=1:keyint=12:min-keyint=12:bframes=3:b-adapt=0:scenecut=0"
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "mp4"])
+@pytest.mark.parametrize(
+    ("codec", "options", "lost"),
+    [
+        ("libx264", {"x264-params": OPEN}, 3),
+        ("libx265", {"x265-params": f"{OPEN}:log-level=none"}, 3),
+        ("mpeg2video", {"g": "12", "bf": "2"}, 2),
+        ("libx264", {"x264-params": "intra-refresh=1:keyint=12:bframes=0:scenecut=0"}, 2),
+    ],
+)
+def test_a_clip_cut_from_a_video_has_the_times_of_what_it_shows(
+    tmp_path, caplog, suffix, codec, options, lost
+):
+    """Promise: frames that need others from before the cut are left out, and the rest are at the
+    times at which the whole video shows them; it is not called damaged."""
+    caplog.set_level(logging.INFO)
+    gray = np.repeat(np.arange(40, 200, 4, dtype=np.uint8), 48 * 64).reshape(40, 48, 64)
+    planes = np.concatenate([gray, np.full((40, 24, 64), 128, np.uint8)], axis=1)
+    whole, clip = (tmp_path / f"{name}.{suffix}" for name in ("whole", "clip"))
+    write_video(whole, planes, rate=50, codec=codec, pixels="yuv420p", **options)
+    with av.open(str(whole)) as read, av.open(str(clip), "w") as write:
+        stream = write.add_stream_from_template(read.streams.video[0])
+        keys = 0
+        for packet in read.demux(video=0):
+            keys += packet.is_keyframe
+            if packet.size and keys > 1:
+                packet.stream = stream
+                write.mux(packet)
+    assert len(list(open_footage(whole))) == 40
+    assert not [said for said in caplog.messages if "left out" in said]
+    footage = open_footage(clip, encoding="linear")
+    frames = [255 * frame.mean() for frame in footage]  # which are brighter by 4 codes each
+    t_s = footage.t_s + 1e-6 * footage.t_offset_us
+    begun = t_s[0] * 50
+    assert begun > 1
+    np.testing.assert_allclose(t_s * 50, begun + np.arange(len(frames)), atol=1e-6)
+    np.testing.assert_allclose(frames, (24 + 4 * 50 * t_s) * 255 / 219, atol=3)
+    if suffix == "mkv":  # the edit list of an MP4 hides the frames of an open group
+        assert f"clip.mkv: its first {lost} frames need others from before a cut" in caplog.text
 
 
 def test_command_turns_a_folder_into_events(tmp_path, eres):
