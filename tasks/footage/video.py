@@ -21,6 +21,7 @@ _log = logging.getLogger(__name__)
 
 _RIGHT_ANGLE = 1e-3  # largest deviation from a right angle, radians
 _LONGER, _SOUND_S = 3, 0.1  # a last frame that is no sign of a missing end: intervals, and seconds
+_COARSE = 0.05  # of the time between frames: ticks that are longer cause a warning
 _HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the matrix of BT.709
 
 
@@ -74,6 +75,7 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
             if packet.size and not packet.is_discard and _is_shown(packet, stream.codec.name)
         ]
         tick_s = Fraction(stream.time_base or 0)
+        rates = [stream.average_rate, stream.base_rate, stream.guessed_rate]
         stated_us, start = container.duration, stream.start_time or 0
     timed = tick_s > 0 and None not in shown
     if timed:
@@ -88,7 +90,7 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
         raise TaskError(f"{path}: found frames without a time, expected --fps")
     if len(set(shown)) < len(shown):
         raise TaskError(f"{path}: found two frames at the same time, expected --fps")
-    return [round(t * tick_s * 10**9) for t in shown]
+    return _unrounded_ns(shown, tick_s, [Fraction(rate) for rate in rates if rate], path)
 
 
 def _from_first_shown(times: list[int], path: Path) -> list[int]:
@@ -108,6 +110,42 @@ def _from_first_shown(times: list[int], path: Path) -> list[int]:
             *(path, len(times) - len(kept)),
         )
     return kept
+
+
+def _unrounded_ns(
+    times: Sequence[int], tick_s: Fraction, rates: Sequence[Fraction], path: Path
+) -> list[int]:
+    """Return times in nanoseconds: of an even grid, if that explains them, or as they are.
+
+    Containers round times to ticks: Matroska and Flash to 1 ms, GIF to 10 ms. Rounded times of a
+    rate are less than a tick apart from its grid, all the same way; a missing frame is no rounding.
+    """
+    stored = [round(t * tick_s * 10**9) for t in times]
+    if not rates:
+        return stored
+    since = np.array([t - times[0] for t in times], float)
+    count = np.arange(len(times))
+    apart, rate = min((float(np.ptp(since - count / float(one * tick_s))), one) for one in rates)
+    tick_ms = float(1e3 * tick_s)
+    if apart < 1 - 1e-6:
+        start_s = times[0] * tick_s
+        even = [round((start_s + k / rate) * 10**9) for k in range(len(times))]
+        if even != stored:
+            _log.info(
+                "%s: times are rounded to %.3g ms; they are taken as even, at the %.6g frames per "
+                "second of the file",
+                *(path, tick_ms, float(rate)),
+            )
+        return even
+    share = 1 / float(np.median(np.diff(since)))
+    if share > _COARSE and rates[0] * tick_s != 1:  # AVI counts frames
+        _log.warning(
+            "%s: times are rounded to %.3g ms, %.0f %% of the time between frames, and fit no even "
+            "rate of the file; events are up to %.3g ms off. A container with finer times, such as "
+            "MP4, avoids that",
+            *(path, tick_ms, 100 * share, tick_ms / 2),
+        )
+    return stored
 
 
 def _warn_if_short(times_s: Sequence[Fraction], stated_s: float, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import re
 import struct
 import tracemalloc
 from fractions import Fraction
@@ -636,6 +637,65 @@ def test_videos_keep_their_own_times(tmp_path):
     video = write_video(tmp_path / "a.mkv", planes, times=[0, 10, 13, 40, 41])
     np.testing.assert_allclose(open_footage(video).t_s, [0, 0.010, 0.013, 0.040, 0.041])
     np.testing.assert_allclose(open_footage(video, fps=1000).t_s, np.arange(5) / 1000)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "rate"),
+    [
+        *(("mkv", {}, rate) for rate in (30, Fraction(60000, 1001), 240, 960)),
+        ("flv", {"codec": "flv", "pixels": "yuv420p"}, 960),
+        ("gif", {"codec": "gif", "pixels": "gray"}, 30),
+        ("ts", {"codec": "libx264", "pixels": "yuv420p"}, 960),
+    ],
+)
+def test_an_even_rate_that_a_container_rounds_is_even_again(tmp_path, caplog, suffix, codec, rate):
+    """Promise: times that the rate of the file explains to a tick are exact, and that is said."""
+    caplog.set_level(logging.INFO)
+    shape = (200, 16, 16) if suffix == "gif" else (200, 48, 32)
+    planes = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    if not codec:
+        planes = planes[:, None].repeat(3, 1)
+    footage = open_footage(write_video(tmp_path / f"a.{suffix}", planes, rate=rate, **codec))
+    exact = np.arange(200) / float(rate)
+    np.testing.assert_allclose(footage.t_s - footage.t_s[0], exact, atol=2e-9)
+    said = f"a.{suffix}: times are rounded to .* ms; .* even, at the {float(rate):.6g} frames per"
+    assert re.search(said, caplog.text)
+
+
+def uneven():
+    """Return times in milliseconds: of a variable rate, and of 960 Hz without a frame."""
+    rng = np.random.default_rng(0)
+    apart = rng.integers(1, 5, 60), rng.integers(20, 50, 60)
+    full = np.round(np.arange(60) / 0.96).astype(int)
+    return [*(np.cumsum(one).tolist() for one in apart), np.delete(full, 31).tolist()]
+
+
+@pytest.mark.parametrize("times", uneven())
+@pytest.mark.parametrize("rate", [30, 500, 960])
+@pytest.mark.parametrize("suffix", ["mkv", "mp4"])
+def test_uneven_times_are_those_of_the_file(tmp_path, caplog, suffix, rate, times):
+    """Promise: a variable rate is never taken as even, whatever rate the file states; ticks of more
+    than a twentieth of an interval are said."""
+    planes = np.full((len(times), 48, 32), 99, np.uint8)
+    mp4 = {"codec": "libx264"} if suffix == "mp4" else {}
+    path = tmp_path / f"a.{suffix}"
+    write_video(path, planes, times=times, rate=rate, pixels="yuv420p", **mp4)
+    footage = open_footage(path)
+    np.testing.assert_allclose(
+        footage.t_s - footage.t_s[0], 1e-3 * np.array(times) - 1e-3 * times[0], atol=1e-12
+    )
+    coarse = suffix == "mkv" and np.median(np.diff(times)) < 20
+    assert ("fit no even rate of the file; events are up to 0.5 ms off" in caplog.text) == coarse
+
+
+def test_a_video_that_counts_frames_has_no_coarse_times(tmp_path, caplog):
+    """Promise: AVI's ticks are the intervals of its rate, so a missing frame is where it was."""
+    planes = np.full((9, 48, 32), 99, np.uint8)
+    kept = [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    video = tmp_path / "a.avi"
+    write_video(video, planes, times=kept, tick_s=Fraction(1, 50), rate=50, pixels="yuv420p")
+    np.testing.assert_allclose(open_footage(video).t_s, np.array(kept) / 50, atol=1e-12)
+    assert not caplog.messages
 
 
 OPEN = "open-gop=1:keyint=12:min-keyint=12:bframes=3:b-adapt=0:scenecut=0"
