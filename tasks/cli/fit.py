@@ -36,7 +36,8 @@ def fit(
     Writes a profile for `eres simulate --profile`. Noise and hot pixels come from a stretch in
     which nothing moves; contrast thresholds from frames on the clock of the events; cutoff and
     latency from steps of the light at known times, or from the motion between the frames. Each
-    number has a 95 % interval.
+    number has a 95 % interval; if its end is open, the number is only a bound, which is not
+    simulated.
 
     Parameters
     ----------

@@ -43,8 +43,8 @@ class MotionResponse(NamedTuple):
     delay_s
         Delay of slow changes: the latency and the time constants of all poles.
     cutoff_hz
-        Corner frequency of each pole; its interval ends at inf if the motion is too slow to tell
-        the filter from a delay.
+        Corner frequency of each pole; its interval ends at inf if the filter cannot be told from a
+        delay.
     latency_s
         The part of the delay that the poles do not explain.
     shift_us
