@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
+from typing import TYPE_CHECKING
 
-from eres_render import RadianceSequence
 from eres_render.sequence.clips import WARM_UP_S
-from eres_render.trajectory.frame_times import warn_if_far_apart
+
+if TYPE_CHECKING:
+    from eres_render import RadianceSequence
 
 _log = logging.getLogger(__name__)
 
@@ -76,4 +78,6 @@ def warn_if_short(
 
 def warn_if_coarse(sequence: RadianceSequence) -> None:
     """Warn if the image moves so far from frame to frame that events are missed."""
+    from eres_render.trajectory.frame_times import warn_if_far_apart  # SciPy slows down `--help`
+
     warn_if_far_apart(str(sequence.folder), sequence.manifest.max_displacement_px)

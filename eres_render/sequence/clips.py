@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from eres_render.errors import RenderError
-from eres_render.scene.scene import Scene
 from eres_render.storage.json_values import use_python_numbers
+
+if TYPE_CHECKING:
+    from eres_render.scene.scene import Scene
 
 WARM_UP_S = 6 * 2 / (2 * math.pi * 50)
 """How long a sensor sees a path before a window at least, s of the path: six time constants of a

@@ -220,7 +220,18 @@ class SensorGroup:
 
 
 def members_by_light(models: Sequence[SensorModel], starts: Sequence[int]) -> list[list[int]]:
-    """Return the indices of the models of each group: those with one light that start together."""
+    """Divide models into groups: those with one light that start together.
+
+    Parameters
+    ----------
+    models, starts
+        The models, and the index of the first frame of each.
+
+    Returns
+    -------
+    list of list of int
+        The indices of the models of each group.
+    """
     found: dict[tuple[int, int, float | None, float, int], list[int]] = {}
     for i, (m, start) in enumerate(zip(models, starts, strict=True)):
         found.setdefault((m.height, m.width, m.dark_level, m.fill_factor, start), []).append(i)
