@@ -96,7 +96,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
                 **hdf5plugin.Zstd(clevel=1),
             )
 
-        parts = iter(parts)
+        parts = storage.each(parts)
         first = next(parts)
         start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
         offset_us = _offset_us(start_us, header.t_offset_us)
@@ -127,7 +127,6 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             _append(columns["y"], part.y)
             _append(columns["p"], part.p > 0)
             count += len(part)
-            storage.check()
         if len(header.triggers):
             for name in _TRIGGERS:
                 column = getattr(header.triggers, name)

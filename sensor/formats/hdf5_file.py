@@ -1,19 +1,23 @@
-"""HDF5 files that close also after a failed write.
+"""HDF5 files that close also after a failed write or a signal.
 
 If the last write to a file fails, HDF5 cannot close it: it tries again when the process ends, on
-freed memory, which crashes the process. So HDF5 never sees a failure. After the first one, all
+freed memory, which crashes the process. So HDF5 never sees a failed write. After the first one, all
 writes stay in memory, where HDF5 reads them, until the file is closed; then the error is raised.
+Signals wait until HDF5 has returned.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sensor.errors import EventFormatError
+from sensor.formats.held_signals import HeldSignals, held_signals
+
+_Part = TypeVar("_Part")
 
 
 def load_h5py() -> Any:
@@ -37,10 +41,12 @@ def load_h5py() -> Any:
 class Storage:
     """A file on disk as a file object for h5py.
 
-    Only `check` raises errors; call it often, since all writes after a failure stay in memory.
+    Only `check` and `each` raise errors; write in parts, since all writes after a failure stay in
+    memory.
     """
 
-    def __init__(self, path: Path, *, new: bool) -> None:
+    def __init__(self, path: Path, signals: HeldSignals, *, new: bool) -> None:
+        self._signals = signals
         self._file = path.open("w+b" if new else "r+b", buffering=0)
         self._at = 0
         self._failure: BaseException | None = None
@@ -50,6 +56,21 @@ class Storage:
         """Raise the first failure, if there is one."""
         if self._failure is not None:
             raise self._failure
+
+    def each(self, parts: Iterable[_Part]) -> Iterator[_Part]:
+        """Yield what is to be written part by part, and end at the first failure or signal.
+
+        Signals are handled before each part and while it is made.
+        """
+        source = iter(parts)
+        while True:
+            self.check()
+            with self._signals.let_in():
+                try:
+                    part = next(source)
+                except StopIteration:
+                    return
+            yield part
 
     def close(self) -> None:
         """Close the file after HDF5 has closed it."""
@@ -106,7 +127,7 @@ class Storage:
                 done = 0
                 while done < len(view):
                     done += self._file.write(view[done:])
-            except BaseException as error:  # Ctrl-C too, which HDF5 would see as a failure
+            except BaseException as error:
                 self._failure = error
         if self._failure is not None:
             self._not_taken.append((self._at, bytes(view)))
@@ -128,7 +149,7 @@ class Storage:
 
 @contextmanager
 def writable(path: Path, *, new: bool) -> Iterator[tuple[Any, Storage]]:
-    """Open an HDF5 file to write.
+    """Open an HDF5 file to write; signals are held, except where `Storage.each` makes a part.
 
     Parameters
     ----------
@@ -140,21 +161,22 @@ def writable(path: Path, *, new: bool) -> Iterator[tuple[Any, Storage]]:
     Yields
     ------
     h5py.File, Storage
-        The file, and its storage to `check`.
+        The file, and its storage.
 
     Raises
     ------
     EventFormatError
         h5py or hdf5plugin is not installed.
     OSError
-        A write failed; raised by `Storage.check`, or at the end.
+        A write failed; raised by the storage, or at the end.
     """
     h5py = load_h5py()
-    storage = Storage(path, new=new)
-    try:
-        # Since version 1.10 HDF5 has checksums for its own structures too.
-        with h5py.File(storage, "w" if new else "r+", libver=("v110", "v110")) as file:
-            yield file, storage
-        storage.check()
-    finally:
-        storage.close()
+    with held_signals() as signals:
+        storage = Storage(path, signals, new=new)
+        try:
+            # Since version 1.10 HDF5 has checksums for its own structures too.
+            with h5py.File(storage, "w" if new else "r+", libver=("v110", "v110")) as file:
+                yield file, storage
+            storage.check()
+        finally:
+            storage.close()

@@ -108,12 +108,11 @@ def imu_to_add(
     measured = measure(sequence.trajectory, t_s, options, seed, speed)
 
     def add(path: Path) -> None:
-        with writable(path, new=False) as (file, storage):
+        with writable(path, new=False) as (file, _):
             group = file.create_group("imu")
             group["t_us"] = sequence.t_offset_us + np.round(t_s / speed * 1e6).astype(np.int64)
             for name, values in measured._asdict().items():
                 group[name] = values
             group.attrs.update({**asdict(options), "gravity_mps2": GRAVITY_MPS2})
-            storage.check()
 
     return add

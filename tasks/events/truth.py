@@ -74,12 +74,13 @@ def truth_to_add(
             group["K"] = camera.K
             if camera.distortion is not None:
                 group["distortion"] = astuple(camera.distortion)
-            for k, (t_s, next_s) in enumerate(pairwise([*times_s, None])):
-                for name, image in _images(truth, t_s, next_s, size).items():
+            steps = pairwise([*times_s, None])
+            images = (_images(truth, t_s, next_s, size) for t_s, next_s in steps)
+            for k, by_name in enumerate(storage.each(images)):
+                for name, image in by_name.items():
                     if name not in group:
                         _add_images(group, name, len(times_s) - name.startswith("flow"), image)
                     group[name][k] = image
-                storage.check()
             if truth.objects:
                 group["T_world_object"] = np.stack([one.pose(times_s) for one in truth.objects])
                 group["T_world_object"].attrs["names"] = [one.name for one in truth.objects]
@@ -154,8 +155,7 @@ def _copy(old: Any, parent: h5py.Group, name: str, storage: Storage) -> None:
         kind, space, how = old.id.get_type(), old.id.get_space(), old.id.get_create_plist()
         new = h5py.Dataset(h5py.h5d.create(parent.id, name.encode(), kind, space, how))
         if old.shape is not None:
-            for part in old.iter_chunks() if old.chunks else [...]:
+            for part in storage.each(old.iter_chunks() if old.chunks else [...]):
                 new[part] = old[part]
-                storage.check()
     for key, value in old.attrs.items():
         new.attrs[key] = value
