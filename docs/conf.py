@@ -12,7 +12,8 @@ from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.util.docutils import SphinxDirective
 
-from tasks.cli.main import command_names, main
+from tasks.cli.command_line import command_names
+from tasks.cli.main import main
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # makes kernels plain functions with signatures
 os.environ |= {"COLUMNS": "84", "NO_COLOR": "1"}  # of the terminal that shows the commands' help

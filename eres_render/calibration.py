@@ -70,7 +70,11 @@ def read_camera(file: str | Path, name: str | None = None) -> Camera:
 
 
 def write_camera(
-    file: str | Path, camera: Camera, kind: Literal["opencv", "kalibr"] = "opencv"
+    file: str | Path,
+    camera: Camera,
+    kind: Literal["opencv", "kalibr"] = "opencv",
+    *,
+    overwrite: bool = True,
 ) -> None:
     """Write a camera as OpenCV or Kalibr does.
 
@@ -83,6 +87,8 @@ def write_camera(
     kind
         "opencv" for the fields of OpenCV's calibration with five coefficients, or "kalibr" for a
         chain with `cam0`, which has no k3.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
@@ -118,7 +124,7 @@ def write_camera(
             f"  distortion_coeffs: [{_listed(astuple(lens)[:4])}]\n"
             f"  resolution: [{camera.width}, {camera.height}]\n"
         )
-    write_text(file, text)
+    write_text(file, text, overwrite=overwrite)
 
 
 class _Loader(yaml.SafeLoader):

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+
+from sensor.file_lock import locked
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
@@ -89,17 +89,7 @@ def _compile_once(kernel: Any) -> None:
         with global_compiler_lock:
             if kernel._compiling_counter:  # a kernel that calls itself
                 return compile_or_load(signature)
-            with _locked(lock):
+            with locked(lock):
                 return compile_or_load(signature)
 
     kernel.compile = compile_alone
-
-
-@contextmanager
-def _locked(path: str) -> Iterator[None]:
-    """Hold a lock between processes, where the folder allows one; it ends with the process."""
-    with ExitStack() as held:
-        with suppress(OSError):
-            file = held.enter_context(open(path, "ab"))
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield

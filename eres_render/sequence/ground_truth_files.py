@@ -20,7 +20,7 @@ from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
-from eres_render.storage.atomic import make_folder, write_bytes, write_text
+from eres_render.storage.atomic import clear_unfinished, make_folder, write_bytes, write_text
 from eres_render.storage.exr import write_channels
 from eres_render.trajectory.tum import tum_text
 
@@ -113,6 +113,8 @@ def write_truth(
     files: list[Path] = []
 
     def write(name: str, to_file: Callable[[Path], object]) -> None:
+        if (out_dir / name).exists():
+            raise RenderError(f"{out_dir / name}: appeared meanwhile and is kept")
         to_file(out_dir / name)
         files.append(out_dir / name)
 
@@ -154,6 +156,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
         raise RenderError(
             f"{folder}: found a sequence; truth would replace its poses.txt; write elsewhere"
         )
+    clear_unfinished(folder)
     kinds = ("depth/*.exr", "flow/*.exr", "flow/*.png", "instances/*.png")
     numbered = [file for kind in kinds for file in folder.glob(kind)]
     old = [file for file in numbered if _NUMBER.fullmatch(file.stem)]

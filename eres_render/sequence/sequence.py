@@ -373,7 +373,7 @@ class SequenceWriter:
 
     def finish(self) -> None:
         """Mark the sequence as complete."""
-        for leftover in (self.folder / "frames").glob(".*.unfinished"):  # of a killed render
+        for leftover in self.folder.rglob(".*.unfinished"):  # of a killed render
             leftover.unlink(missing_ok=True)
         write_sums(self.folder, self.checksums)
         write_manifest(self.folder, dataclasses.replace(self.manifest, complete=True))

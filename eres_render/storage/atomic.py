@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import platform
+import re
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
 from eres_render.errors import RenderError
+
+_log = logging.getLogger(__name__)
+_PROCESS = r"\.([^.]*)\.(\d+)\.[0-9a-f]{8}\.unfinished"  # machine and number
 
 
 def make_folder(folder: Path) -> None:
@@ -34,35 +41,122 @@ def make_folder(folder: Path) -> None:
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary file name in the folder of `path`; afterwards rename that file to `path`.
+def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
+    """Make a temporary file or folder beside `path`, and remove it if it is still there at the end.
+
+    It is locked meanwhile: `clear_unfinished` removes it after its process was killed.
+    """
+    # Threads share a process id, and so may processes of machines that share a folder; names may be
+    # long.
+    process = f"{_machine()}.{os.getpid()}.{uuid4().hex[:8]}"
+    made = path.with_name(f".{path.name[:48]}.{process}.unfinished")
+    try:
+        made.mkdir() if folder else made.touch()
+        with ExitStack() as held:
+            with suppress(OSError, ImportError):
+                held.enter_context(_locked(made))
+            yield made
+    finally:
+        _remove(made)
+
+
+def clear_unfinished(folder: Path, name: str | None = None) -> None:
+    """Remove temporary files and folders of killed processes.
+
+    Warns of those of another machine, or that cannot be locked, as they may still be written.
+
+    Parameters
+    ----------
+    folder
+        Where they are, also in folders within.
+    name
+        Name in the folder that they were to have; None for any.
+    """
+    inside = folder.rglob if name is None else folder.glob
+    of_name = ".+" if name is None else re.escape(name[:48])
+    for made in list(inside(".*.unfinished")):
+        found = re.fullmatch(rf"\.{of_name}{_PROCESS}", made.name)
+        if found is None:
+            continue
+        try:
+            with _locked(made):
+                if found[1] == _machine():
+                    _remove(made)
+                    continue
+        except (BlockingIOError, FileNotFoundError):  # it is being written, or was finished
+            continue
+        except (OSError, ImportError):
+            pass
+        _log.warning(
+            "%s: left by process %s on %s; remove it if that has ended", made, found[2], found[1]
+        )
+
+
+def _machine() -> str:
+    return platform.node().partition(".")[0][:20]
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Lock a file or a folder; an ImportError on Windows, which has no such locks."""
+    import fcntl
+
+    file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)  # a lock over NFS needs both
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(file)
+
+
+def _remove(made: Path) -> None:
+    if made.is_dir():
+        shutil.rmtree(made, ignore_errors=True)
+    else:
+        made.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
+    """Yield a temporary file in the folder of `path`; afterwards rename that file to `path`.
 
     A link is replaced, not what it points to.
 
     Raises
     ------
     RenderError
-        If the file cannot be written, or is a device or a pipe. Nothing is left behind, also after
-        any other error.
+        If the file cannot be written, is a device or a pipe, or exists at the end and is not to be
+        replaced. Nothing is left behind, also after any other error.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RenderError(f"{path}: found a device or a pipe, expected a file or a new name")
-    # Threads share a process id, and so may processes of machines that share a folder; names may be
-    # long.
-    unfinished = path.with_name(f".{path.name[:48]}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     make_folder(path.parent)
+    made = None
     try:
-        yield unfinished
-        os.replace(unfinished, path)
+        with unfinished(path) as made:
+            yield made
+            if overwrite:
+                os.replace(made, path)
+            else:
+                _give_new_name(made, path)
     except OSError as error:
-        if error.filename is not None and str(error.filename) != str(unfinished):
+        if error.filename is not None and made is not None and str(error.filename) != str(made):
             raise  # about another file, such as one that was read in the context
         raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, data: bytes | memoryview) -> None:
+def _give_new_name(made: Path, path: Path) -> None:
+    try:
+        os.link(made, path)  # unlike a rename, replaces no file
+    except OSError:
+        if os.path.lexists(path):
+            raise RenderError(
+                f"{path}: appeared meanwhile and is kept; the new file is removed"
+            ) from None
+        os.rename(made, path)  # on a file system without links
+
+
+def write_bytes(path: Path, data: bytes | memoryview, *, overwrite: bool = True) -> None:
     """Write a file under a temporary name in its folder, then rename it.
 
     Parameters
@@ -71,17 +165,19 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
         The file; its folder is made if necessary.
     data
         Its content.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
     RenderError
         If the file cannot be written; nothing is left behind.
     """
-    with new_file(path) as unfinished:
-        unfinished.write_bytes(data)
+    with new_file(path, overwrite=overwrite) as made:
+        made.write_bytes(data)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:
     """Write a text file in UTF-8; see `write_bytes`.
 
     Parameters
@@ -90,10 +186,12 @@ def write_text(path: Path, text: str) -> None:
         The file; its folder is made if necessary.
     text
         Its content.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
     RenderError
         If the file cannot be written.
     """
-    write_bytes(path, text.encode())
+    write_bytes(path, text.encode(), overwrite=overwrite)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import errno
 import itertools
 import logging
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from uuid import uuid4
 
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
 from sensor.formats import aedat3, dsec, evt, evt2, evt3, faery_files, npz, ros_bag, text
 from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
+from sensor.formats.new_file import new_file
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 from sensor.own_modules import import_own
 
@@ -269,6 +268,7 @@ def write_events(
     t_offset_us: int = 0,
     triggers: Triggers = NO_TRIGGERS,
     add: Callable[[Path], object] | None = None,
+    overwrite: bool = True,
 ) -> int:
     """Write a stream to a file, which gets its name only when it is complete.
 
@@ -292,6 +292,8 @@ def write_events(
         External triggers, on the clock of the events.
     add
         Function that is called with the file before it gets its name, to add data.
+    overwrite
+        Whether to replace a file that exists when the new one is complete.
 
     Returns
     -------
@@ -303,7 +305,7 @@ def write_events(
     EventFormatError
         The format cannot store these events, or the parts are not one stream.
     OSError
-        The file cannot be written; the error names it.
+        The file cannot be written, or exists and is not to be replaced; the error names it.
 
     Examples
     --------
@@ -327,6 +329,8 @@ def write_events(
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "is a device or a pipe", str(path))
+    if path.exists() and not overwrite:
+        raise FileExistsError(errno.EEXIST, "exists already", str(path))
     of_input: list[Exception] = []
     batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
     first = next(batches)
@@ -338,14 +342,12 @@ def write_events(
         t_offset_us,
         triggers=triggers,
     )
-    # Threads share a process id; names may be long.
-    unfinished = path.with_name(f".{path.name[:48]}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
+    assert chosen.write is not None  # as `find_format` has checked
     try:
-        assert chosen.write is not None  # as `find_format` has checked
-        count = chosen.write(unfinished, header, itertools.chain([first], batches))
-        if add is not None:
-            add(unfinished)
-        os.replace(unfinished, path)
+        with new_file(path, overwrite=overwrite) as unfinished:
+            count = chosen.write(unfinished, header, itertools.chain([first], batches))
+            if add is not None:
+                add(unfinished)
     except OSError as error:
         if error in of_input or error.filename not in (None, str(unfinished)):
             raise
@@ -354,8 +356,6 @@ def write_events(
         if error in of_input:
             raise
         raise EventFormatError(f"{path}: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
     warn_of_loss(path, chosen, chosen.loses(header))
     return count
 

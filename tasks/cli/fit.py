@@ -111,7 +111,7 @@ def fit(
     with progress_bar(terminal.err) as on_progress:
         found = fit_recording(events, evidence, on_progress)
     fields = found.fields(in_text(recording.name))
-    write_profile(out, in_text(title or recording.name), fields)
+    write_profile(out, in_text(title or recording.name), fields, overwrite=overwrite)
     table = Table("field", "value", "unit", box=None)
     for name, (value, unit, _) in fields.items():
         table.add_row(name, str(value), unit)

@@ -1,130 +1,91 @@
-"""The `eres` command: arguments in, library calls, results on stdout, errors in one line."""
+"""The command `eres`: the command line, until a signal ends it."""
 
 from __future__ import annotations
 
-import io
-import logging
-import os
+import signal
 import sys
-from importlib.metadata import version
-from types import ModuleType
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from types import FrameType
+from typing import Any
 
-from rich.text import Text
-from tyro.conf import DisallowNone, FlagCreatePairsOff
-
-from eres_render.errors import RenderError
-from sensor.errors import EventError, SensorError
-from tasks import DISTRIBUTION
-from tasks.cli import (
-    dataset,
-    evaluate,
-    events,
-    fit,
-    info,
-    light,
-    lists,
-    rig,
-    study,
-    terminal,
-    train,
-    video,
-    view,
-)
-from tasks.cli.app import commands
-from tasks.errors import TaskError, UsageError
-
-_COMMANDS = (
-    *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
-    *(light.bake, light.render, light.stereo, light.truth, light.images, light.convergence),
-    *(events.simulate, events.convert),
-    fit.fit,
-    dataset.dataset,
-    view.view,
-    video.video,
-    evaluate.evaluate,
-    *(study.study, study.report, study.claims),
-    info.info,
-)
-_RIG_COMMANDS = (
-    *(rig.page, rig.render, rig.intrinsics),
-    *(rig.detect, rig.solve, rig.crop, rig.evaluate),
-)
-_TRAIN_COMMANDS = (train.reconstruction, train.flow, train.card)
-_GROUPS = {rig: _RIG_COMMANDS, train: _TRAIN_COMMANDS}
-
-
-def command_names() -> list[str]:
-    """Return the names of all commands."""
-    names = [command.__name__ for command in _COMMANDS]
-    for group, inner in _GROUPS.items():
-        names += [f"{_name(group)} {command.__name__}" for command in inner]
-    return names
-
-
-def _name(group: ModuleType) -> str:
-    return group.__name__.rpartition(".")[2]
-
-
+# Ctrl-C; what SLURM, `timeout` and `docker stop` send; what a closed terminal sends.
+_SIGNALS = "SIGINT", "SIGTERM", "SIGHUP"
+_TOGETHER_S = 1.0  # signals of a terminal and its shell, or of a key pressed twice
+_AGAIN_S = 0.01
 _RESUMING = "render", "study", "dataset", "rig render", "train reconstruction", "train flow"
 
 
-class _ToTerminal(logging.Handler):
-    """Prints messages, each as one line: above a progress bar, and in files without line breaks."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        terminal.err.print(self.format(record), soft_wrap=True, highlight=False)
-
-
 def main() -> None:
-    """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")  # names of files may not be UTF-8
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
-    overview = sys.argv[1:] in ([], ["-h"], ["--help"])
+    """Run the command line.
+
+    The exit code is 1 for an error, 2 for wrong usage, 128 + N if signal N ended the command: 130
+    for Ctrl-C.
+    """
+    stopping = _Stopping()
     try:
-        if sys.argv[1:] == ["--version"]:
-            terminal.out.print(_version(), soft_wrap=True, highlight=False)
+        with stopping:
+            from tasks.cli.command_line import run  # takes a second, in which signals may come
+
+            run()
+    except BaseException as error:  # whatever it became on its way
+        if stopping.number is None and not isinstance(error, KeyboardInterrupt):
+            raise
+    else:
+        return
+    # Without the error, whose frames hold child processes.
+    resumes = not {*sys.argv[1:2], " ".join(sys.argv[1:3])}.isdisjoint(_RESUMING)
+    how = "; the same command continues after the completed parts" if resumes else ""
+    with suppress(OSError):  # the terminal may be closed
+        print(f"stopped{how}", file=sys.stderr, flush=True)
+    sys.exit(128 + (stopping.number or signal.SIGINT))
+
+
+class _Stopping:
+    """A context in which the first signal raises KeyboardInterrupt, so that all is cleaned up.
+
+    A later signal ends the process at once. Signals that were ignored at the start, as by `nohup`,
+    stay ignored.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._at_s = 0.0
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> None:
+        self._report, sys.unraisablehook = sys.unraisablehook, self._unraisable
+        for name in _SIGNALS:
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+                self._before[number] = signal.signal(number, self._stop)
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        sys.unraisablehook = self._report
+
+    def _stop(self, number: int, _: FrameType | None) -> None:
+        if self.number is None:
+            self.number, self._at_s = number, time.monotonic()
+            raise KeyboardInterrupt
+        if time.monotonic() - self._at_s > _TOGETHER_S:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+
+    def _unraisable(self, found: Any) -> None:
+        """Send a signal again that came where Python drops exceptions.
+
+        Such are finalizers, and what Numba's compiler calls from C.
+        """
+        if self.number is None or not isinstance(found.exc_value, KeyboardInterrupt):
+            self._report(found)
             return
-        app = commands(_COMMANDS, overview=overview)
-        for group, inner in _GROUPS.items():
-            named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])
-            app.command(
-                commands(inner, overview=overview or named), name=_name(group), help=group.__doc__
-            )
-        code = app.cli(
-            prog="eres",
-            config=(DisallowNone, FlagCreatePairsOff),
-            description="Which event-camera resolution serves a task best, at what bandwidth? "
-            "Renders HDR radiance, turns it into events at any resolution, and scores what can "
-            "be done with them. `eres --version` prints the version.",
-        )
-    except UsageError as error:
-        _fail(str(error), 2)
-    except (RenderError, SensorError, EventError, TaskError) as error:
-        _fail(str(error))
-    except BrokenPipeError:  # the reader has what it wants; Python would complain at its end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)  # as Rich does
-    except OSError as error:
-        _fail(f"{error.filename or 'system'}: {error.strerror or error}")
-    except MemoryError as error:
-        _fail(f"out of memory: {error}; choose a lower resolution")
-    except KeyboardInterrupt:
-        begun = {*sys.argv[1:2], " ".join(sys.argv[1:3])}
-        resumes = not begun.isdisjoint(_RESUMING)
-        how = "; the same command continues after the completed parts" if resumes else ""
-        terminal.err.print(f"stopped{how}", highlight=False)
-        sys.exit(130)
-    sys.exit(code or 0)
-
-
-def _version() -> str:
-    from tasks.provenance import code
-
-    return f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}"
-
-
-def _fail(text: str, code: int = 1) -> None:
-    terminal.err.print(Text("error:", "red"), text, soft_wrap=True, highlight=False)
-    sys.exit(code)
+        number, self.number = self.number, None
+        send: Callable[[int], None] = signal.raise_signal
+        if hasattr(signal, "pthread_kill"):  # unlike the other, also ends a wait of this thread
+            send = partial(signal.pthread_kill, threading.get_ident())
+        threading.Timer(_AGAIN_S, send, [number]).start()

@@ -59,8 +59,8 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     found = lay_out(settings)
     image = draw(found, settings, rig.parent)
     for file in sorted({out, out.with_name(IMAGE_NAME)}):
-        write_print(file, image, found)
-    write_page(out.with_name(FILE_NAME), found)
+        write_print(file, image, found, overwrite=overwrite)
+    write_page(out.with_name(FILE_NAME), found, overwrite=overwrite)
     terminal.out.print(
         f"{out}: {found.width_m * 100:.1f} x {found.height_m * 100:.1f} cm, "
         f"{len(found.markers_m)} markers of {found.marker_m * 1e3:.2f} mm",
@@ -167,7 +167,7 @@ def intrinsics(
         found = calibrate(
             list(recordings), Board(*board, square), size=size, on_progress=on_progress
         )
-    write_camera(out, found.camera)
+    write_camera(out, found.camera, overwrite=overwrite)
     terminal.out.print(
         f"{out}: {len(found.views)} of {len(recordings)} views, rms {found.rms_px:.2f} px",
         soft_wrap=True,
@@ -232,7 +232,7 @@ def detect(
             refinement=refinement,
             on_progress=on_progress,
         )
-    write_detections(out, found)
+    write_detections(out, found, overwrite=overwrite)
     terminal.out.print(
         f"{out}: {len(found.t_us)} markers in {len(set(found.t_us.tolist()))} images",
         soft_wrap=True,
@@ -290,7 +290,7 @@ def solve(
         solve_recording(one, read_detections(one.folder / corners), unknowns, max_rms)
         for one in opened
     ]
-    write_calibration(out, solved)
+    write_calibration(out, solved, overwrite=overwrite)
     table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
     for one in solved:
         used = f"{one.inliers} of {one.markers} in {one.images} images"
@@ -429,6 +429,7 @@ def evaluate(
     )
     with progress_bar(terminal.err) as on_progress:
         rows = evaluate_rig(crops, settings, on_progress=on_progress)
+    check_new(file, overwrite)  # again: one may have appeared meanwhile
     file.unlink(missing_ok=True)  # rows that are there are of the study beside them
     write_recorded(out, crops, asdict(settings))
     write_rows(file, rows)

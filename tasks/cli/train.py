@@ -93,7 +93,7 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
     if out is None:
         terminal.out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
     else:
-        write_text(out, text)
+        write_text(out, text, overwrite=overwrite)
 
 
 def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:

@@ -88,6 +88,7 @@ def convert(
         t_offset_us=0 if from_start else _shifted_clock(header, shift_us),
         triggers=read_triggers(source, format=input_format).later(shift_us),
         add=add,
+        overwrite=overwrite,
     )
     warn_of_loss(out, to, left_out)
     return count

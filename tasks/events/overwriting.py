@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from eres_render.storage.atomic import clear_unfinished
 from tasks.errors import TaskError
 
 # Kinds of files that a folder of frames has; files of events may lie beside them.
@@ -14,7 +15,8 @@ _OF_FRAMES = {".json", ".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".csv",
 def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     """Refuse to replace a file, a file that is read, or something other than a file.
 
-    A link is replaced, not what it points to.
+    A link is replaced, not what it points to. What a process left that was killed as it wrote the
+    file is removed, or named in a warning.
 
     Parameters
     ----------
@@ -30,6 +32,7 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     TaskError
         It exists, and may not be replaced, or is one of the sources, a device or a pipe.
     """
+    clear_unfinished(path.parent, path.name)
     for source in sources:
         if path.exists() and source.exists() and _is_read(path, source):
             raise TaskError(

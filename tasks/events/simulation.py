@@ -343,7 +343,13 @@ def simulate_frames(
     if offset_us:
         parts = (part.later(offset_us) for part in parts)
     count = write_events(
-        out, parts, format=options.format, origin=facts, t_offset_us=offset_us, add=add
+        out,
+        parts,
+        format=options.format,
+        origin=facts,
+        t_offset_us=offset_us,
+        add=add,
+        overwrite=options.overwrite,
     )
     return count, leaving.report if leaving is not None else None
 

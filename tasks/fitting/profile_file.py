@@ -30,7 +30,9 @@ class Measured(NamedTuple):
     source: str
 
 
-def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> None:
+def write_profile(
+    file: Path, title: str, fields: Mapping[str, Measured], *, overwrite: bool = True
+) -> None:
     """Write a profile.
 
     Parameters
@@ -41,6 +43,8 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
         Name of the sensor.
     fields
         Measured values by the name of the field.
+    overwrite
+        Whether to replace a file.
     """
     parts = [f"title = {_text(title)}\n"]
     for name, (value, unit, source) in fields.items():
@@ -56,7 +60,7 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
         if unit:
             parts.append(f"unit = {_text(unit)}")
         parts.append(f"source = {_text(source)}\n")
-    write_text(file, "\n".join(parts))
+    write_text(file, "\n".join(parts), overwrite=overwrite)
 
 
 def _text(value: str) -> str:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import cv2
 import numpy as np
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
-from eres_render.storage.atomic import make_folder
+from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
 from tasks.errors import TaskError
 from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
@@ -130,30 +128,28 @@ def write_video(
             f"equalization: found {options.equalization!r}, expected one of "
             f"{', '.join(('none', *EQUALIZATIONS))}"
         )
+    clear_unfinished(out.parent, out.name)
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
-    unfinished = out.with_name(f".{out.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     make_folder(out.parent)
-    try:
-        unfinished.mkdir()
+    with unfinished(out, folder=True) as made:
         images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)
         for k, log_image in enumerate(images):
             shown = picture(log_image, log_image.shape, options.equalization)
             codes = np.round(255 * shown).astype(np.uint8)
             if calibration is not None:
                 codes = calibration.undistorted(codes)
-            (unfinished / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
+            (made / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
         lines = ["# unit: us", *map(str, times_us)]
-        (unfinished / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        (made / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        _check_folder(out, overwrite)  # again: one may have appeared meanwhile
         if out.exists():  # it may be a mount point, or the folder in which a shell is
             for file in out.iterdir():
                 file.unlink()
-            for file in sorted(unfinished.iterdir(), key=lambda file: file.name == TIMES):
+            for file in sorted(made.iterdir(), key=lambda file: file.name == TIMES):
                 shutil.move(file, out / file.name)
         else:
-            unfinished.rename(out)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+            made.rename(out)
     return len(times_us)
 
 

@@ -247,7 +247,7 @@ def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
     return (camera.fx, camera.fy, camera.cx, camera.cy, *lens)
 
 
-def write_calibration(path: Path, solved: list[SolvedRecording]) -> None:
+def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
     """Write calibration.json.
 
     Parameters
@@ -256,9 +256,11 @@ def write_calibration(path: Path, solved: list[SolvedRecording]) -> None:
         The file.
     solved
         The solutions.
+    overwrite
+        Whether to replace a file.
     """
     table = asdict(Calibration(gauge=GAUGE, recordings=tuple(solved)))
-    write_text(path, json.dumps(table, indent=1) + "\n")
+    write_text(path, json.dumps(table, indent=1) + "\n", overwrite=overwrite)
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -159,7 +159,7 @@ def _contrast(gray: NDArray[np.uint8], corners_px: Float64) -> float:
     return float(part.std() / 127.5) if part.size else 0.0
 
 
-def write_detections(path: Path, found: Detections) -> None:
+def write_detections(path: Path, found: Detections, *, overwrite: bool = True) -> None:
     """Write markers as Parquet, one row for each corner.
 
     The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
@@ -170,6 +170,8 @@ def write_detections(path: Path, found: Detections) -> None:
         The file.
     found
         The markers.
+    overwrite
+        Whether to replace a file.
     """
     import pyarrow as pa  # here, as it loads slowly
     import pyarrow.parquet as pq
@@ -188,7 +190,7 @@ def write_detections(path: Path, found: Detections) -> None:
     )
     data = pa.BufferOutputStream()
     pq.write_table(table, data, compression="zstd")
-    write_bytes(path, data.getvalue().to_pybytes())
+    write_bytes(path, data.getvalue().to_pybytes(), overwrite=overwrite)
 
 
 def read_detections(path: Path) -> Detections:

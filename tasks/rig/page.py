@@ -257,7 +257,9 @@ def check_print(path: Path) -> None:
         raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
 
 
-def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
+def write_print(
+    path: Path, image: NDArray[np.uint8], page: Page, *, overwrite: bool = True
+) -> None:
     """Write the page's image as PNG or PDF, at its printed size.
 
     Parameters
@@ -268,6 +270,8 @@ def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
         (H, W) image of the page, as `draw` returns it.
     page
         The page.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
@@ -281,10 +285,10 @@ def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
         Image.fromarray(image).save(data, "PDF", resolution=dpi, quality=98)
     else:
         Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
-    write_bytes(path, data.getvalue())
+    write_bytes(path, data.getvalue(), overwrite=overwrite)
 
 
-def write_page(path: Path, page: Page) -> None:
+def write_page(path: Path, page: Page, *, overwrite: bool = True) -> None:
     """Write page.json.
 
     Parameters
@@ -293,8 +297,10 @@ def write_page(path: Path, page: Page) -> None:
         The file.
     page
         The page.
+    overwrite
+        Whether to replace a file.
     """
-    write_text(path, json.dumps(asdict(page), indent=1) + "\n")
+    write_text(path, json.dumps(asdict(page), indent=1) + "\n", overwrite=overwrite)
 
 
 def read_page(path: Path) -> Page:

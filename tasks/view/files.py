@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.view.drawing import PALETTES, STRENGTHS, Picture
 
@@ -64,17 +63,14 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
     encoder = next((name for name in _ENCODERS if name in av.codecs_available), None)
     if encoder is None:
-        raise TaskError(f"{path}: PyAV's FFmpeg has no encoder for H.264; write a .webp or .gif")
+        raise TaskError("PyAV's FFmpeg has no encoder for H.264; write a .webp or .gif")
     rate = Fraction(fps).limit_denominator(1000)
     first = next(pictures)
     options = {"crf": "23", "preset": "medium"} if encoder == "libx264" else {}
-    with (
-        new_file(path) as file,
-        # An absolute path, as FFmpeg takes what is before a colon for a protocol.
-        av.open(
-            str(file.absolute()), "w", format="mp4", options={"movflags": "+faststart"}
-        ) as container,
-    ):
+    # An absolute path, as FFmpeg takes what is before a colon for a protocol.
+    with av.open(
+        str(path.absolute()), "w", format="mp4", options={"movflags": "+faststart"}
+    ) as container:
         stream: Any = container.add_stream(encoder, rate=rate, options=options)
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = "yuv420p"
@@ -111,15 +107,14 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     colors.putpalette([*found, *events.ravel().tolist()])
     first, *rest = some
     coded = (_coded(picture, colors) for picture in chain(rest, pictures))
-    with new_file(path) as file:
-        _coded(first, colors).save(
-            file,
-            "GIF",
-            save_all=True,
-            append_images=coded,
-            duration=round(1000 / fps),
-            loop=0,
-        )
+    _coded(first, colors).save(
+        path,
+        "GIF",
+        save_all=True,
+        append_images=coded,
+        duration=round(1000 / fps),
+        loop=0,
+    )
 
 
 def _event_colors() -> Picture:
@@ -150,17 +145,16 @@ def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     fps
         Pictures per second, as from `possible_fps`.
     """
-    with new_file(path) as file:
-        Image.fromarray(next(pictures)).save(
-            file,
-            "WEBP",
-            save_all=True,
-            append_images=map(Image.fromarray, pictures),
-            duration=round(1000 / fps),
-            loop=0,
-            quality=_WEBP_QUALITY,
-            method=4,
-        )
+    Image.fromarray(next(pictures)).save(
+        path,
+        "WEBP",
+        save_all=True,
+        append_images=map(Image.fromarray, pictures),
+        duration=round(1000 / fps),
+        loop=0,
+        quality=_WEBP_QUALITY,
+        method=4,
+    )
 
 
 def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
@@ -176,8 +170,7 @@ def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
         Not used.
     """
     del fps
-    with new_file(path) as file:
-        Image.fromarray(next(pictures)).save(file, "PNG", optimize=True)
+    Image.fromarray(next(pictures)).save(path, "PNG", optimize=True)
 
 
 WRITERS: dict[str, Callable[[Path, Iterator[Picture], float], None]] = {

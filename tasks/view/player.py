@@ -75,6 +75,8 @@ def write_player(
     span_us: tuple[int, int],
     window_ms: float,
     on_progress: Progress,
+    *,
+    overwrite: bool,
 ) -> None:
     """Write the page.
 
@@ -92,6 +94,8 @@ def write_player(
         Initial length of the window of events, ms.
     on_progress
         Called after each file.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
@@ -132,7 +136,7 @@ def write_player(
             ],
         },
     )
-    write_text(path, page)
+    write_text(path, page, overwrite=overwrite)
 
 
 def pack(source: EventSource, span_us: tuple[int, int], every: int) -> PackedEvents:

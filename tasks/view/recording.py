@@ -28,6 +28,8 @@ def write_recording(
     sources: Sequence[Source],
     times_us: Sequence[int],
     on_progress: Progress,
+    *,
+    overwrite: bool,
 ) -> None:
     """Log frames, poses, true depth and flow of clips, and pictures and points of events.
 
@@ -44,6 +46,8 @@ def write_recording(
         Ascending times at which all sources are logged, us.
     on_progress
         Called after each time.
+    overwrite
+        Whether to replace a file.
 
     Raises
     ------
@@ -56,7 +60,7 @@ def write_recording(
             f"{path or 'Rerun'}: found a time of {latest_us} us, expected less than {_MOST_US} us "
             "(292 years); `eres convert --from-start` moves the events"
         )
-    with _recording(path) as (rerun, recording):
+    with _recording(path, overwrite) as (rerun, recording):
         logs = []
         for place, source in zip(_places(sources), sources, strict=True):
             at = rerun.new_entity_path(place)
@@ -86,7 +90,7 @@ def _places(sources: Sequence[Source]) -> list[list[str]]:
 
 
 @contextmanager
-def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
+def _recording(path: Path | None, overwrite: bool) -> Iterator[tuple[Any, Any]]:
     try:
         import rerun
     except ModuleNotFoundError as error:
@@ -100,7 +104,7 @@ def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
         yield rerun, recording
         recording.flush()
         return
-    with new_file(path) as file:
+    with new_file(path, overwrite=overwrite) as file:
         recording.save(file)
         try:
             yield rerun, recording

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from eres_render import open_sequence
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, Reading
@@ -111,7 +112,8 @@ def view(
             if (found := getattr(look, name)) is not None:
                 raise TaskError(f"{name}: found {found}, expected it only with events")
     if kind == ".rrd":
-        write_recording(out, subject.sources, _times(subject, look, kind), on_progress)
+        times_us = _times(subject, look, kind)
+        write_recording(out, subject.sources, times_us, on_progress, overwrite=overwrite)
         return
     assert out is not None
     if kind == ".html":
@@ -122,12 +124,19 @@ def view(
             )
         span_us = subject.start_us, subject.end_us
         write_player(
-            out, subject.event_sources, subject.counts, span_us, look.window_ms, on_progress
+            out,
+            subject.event_sources,
+            subject.counts,
+            span_us,
+            look.window_ms,
+            on_progress,
+            overwrite=overwrite,
         )
         return
     times_us = _times(subject, look, kind)
     pictures = _pictures(subject, look, times_us, kind, on_progress)
-    WRITERS[kind](out, _small_enough(pictures, kind), _fps(look, kind))
+    with new_file(out, overwrite=overwrite) as file:
+        WRITERS[kind](file, _small_enough(pictures, kind), _fps(look, kind))
 
 
 def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:

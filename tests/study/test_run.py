@@ -635,7 +635,10 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkey
         file.unlink()
     before = file.read_bytes() if file.exists() else None
     monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
-    file.with_name(f".{file.name}.{os.getpid()}.00000000.unfinished").symlink_to("/dev/full")
+    monkeypatch.setattr("tasks.study.run.run_study.clear_unfinished", lambda _: None)
+    with atomic.unfinished(file) as partial:
+        pass
+    partial.symlink_to("/dev/full")
     with pytest.raises(RenderError, match=f"^{file}: cannot be written: {FULL}"):
         run_study(study, tmp_path / "run")
     assert (file.read_bytes() if file.exists() else None) == before
@@ -649,7 +652,8 @@ def test_full_disk_while_rendering(scene_folder, tmp_path, monkeypatch):
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))
     monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
-    partial = f".000002.exr.{os.getpid()}.00000000.unfinished"
+    with atomic.unfinished(tmp_path / "000002.exr") as made:
+        partial = made.name
     read = SequenceWriter.read
 
     def read_without_room(writer, i):

@@ -14,8 +14,8 @@ from another_process import environment
 from eres_render.rendering.backend import VariantVerdict
 from sensor import SensorError, SensorModel
 from tasks import provenance
+from tasks.cli.command_line import _ToTerminal, command_names
 from tasks.cli.events import simulate
-from tasks.cli.main import _ToTerminal, command_names
 from tasks.errors import TaskError
 from tasks.evaluation.setting import Setting
 from tasks.events.sensor_options import PixelOptions

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import clear_unfinished, write_text
 from eres_render.storage.locks import LockedError, locked
 from eres_render.storage.settings_reader import differences, read_json
 from tasks.errors import TrainingError
@@ -98,6 +98,7 @@ def opened(
     file = folder / SETTINGS_FILE
     try:
         with locked(folder / ".lock", wait=False):
+            clear_unfinished(folder)
             if file.exists():
                 _check_same(file, settings)
                 if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read

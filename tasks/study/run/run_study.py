@@ -10,6 +10,7 @@ from typing import Any
 from eres_render import Scene, list_scenes, load_scene
 from eres_render.errors import nearest
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import clear_unfinished
 from eres_render.storage.locks import LockedError, locked
 from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
@@ -104,6 +105,7 @@ def run_study(
         counted = _Counted(on_progress, finished, len(to_do))
         try:
             with locked(out / ".lock", wait=False):
+                clear_unfinished(out)
                 folder.describe(resolved)
                 for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
