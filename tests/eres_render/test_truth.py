@@ -278,6 +278,13 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path, monkeypatch):
             write_truth(truth, tmp_path / "out", [0.25], 40, overwrite=True)
     assert removed == ["camera.json"]
 
+    def appears(stage, done, total):
+        (tmp_path / "new/camera.json").write_text("of others")
+
+    with pytest.raises(RenderError, match=r"camera\.json: appeared meanwhile"):
+        write_truth(truth, tmp_path / "new", [0.25], 40, on_progress=appears)
+    assert [file.name for file in (tmp_path / "new").rglob("*")] == ["camera.json"]
+
     # A changed scene gives no truth for frames of the old one.
     xml = (folder / "scene.xml").read_text()
     (folder / "scene.xml").write_text(xml.replace("0 0 1.5", "0 0 1.6"))

@@ -635,7 +635,7 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkey
         file.unlink()
     before = file.read_bytes() if file.exists() else None
     monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
-    monkeypatch.setattr("tasks.study.run.run_study.clear_unfinished", lambda _: None)
+    monkeypatch.setattr(sys.modules[run_study.__module__], "clear_unfinished", lambda _: None)
     with atomic.unfinished(file) as partial:
         pass
     partial.symlink_to("/dev/full")

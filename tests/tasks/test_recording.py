@@ -17,6 +17,7 @@ from tasks.errors import TaskError
 from tasks.flow import FlowEstimate, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import AT_BOUND, Contrast, off_grid
 from tasks.methods.contrast_maximization.contrast import _EXPOSURES
+from tasks.recording import video
 from tasks.recording.clock import estimate_shift, on_one_clock
 from tasks.recording.evaluate import _thresholds, evaluate_recording
 from tasks.recording.flow_windows import spread
@@ -705,6 +706,22 @@ def test_images_of_events_with_their_times(made, tmp_path, eres):
     assert (code, "add --overwrite" in err) == (1, True)
     code, _, _ = eres("video", made.events_file, "--out", out, "--fps", 50, "--overwrite")
     assert (code, len(list(out.glob("*.png"))) < len(files)) == (0, True)
+
+
+def test_images_that_appear_meanwhile_are_kept(made, tmp_path, eres, monkeypatch):
+    """Promise: without --overwrite, a folder of images that another process wrote stays."""
+    out, drawn = tmp_path / "images", video.picture
+
+    def meanwhile(*arguments):
+        out.mkdir(exist_ok=True)
+        (out / "000000.png").write_bytes(b"of others")
+        return drawn(*arguments)
+
+    monkeypatch.setattr(video, "picture", meanwhile)
+    code, _, err = eres("video", made.events_file, "--out", out, "--fps", 50)
+    assert (code, f"{out}: exists already" in err) == (1, True)
+    assert [file.name for file in tmp_path.iterdir()] == ["images"]
+    assert [file.read_bytes() for file in out.iterdir()] == [b"of others"]
 
 
 def test_images_go_into_the_folder_that_is_there(made, tmp_path, eres, monkeypatch):

@@ -196,7 +196,7 @@ def no_links(*_):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_other_files_and_folders_that_appear_are_kept(tmp_path, links, monkeypatch):
+def test_other_files_that_appear_meanwhile_are_kept(tmp_path, links, monkeypatch):
     """Promise: the same for all other files."""
     if not links:
         monkeypatch.setattr(os, "link", no_links)
