@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote
@@ -24,7 +23,7 @@ from eres_render.progress import Progress, silent
 from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.scene import BAKE_VERSION, Scene
-from eres_render.storage.atomic import make_folder
+from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
 from eres_render.storage.cache import cache_dir
 from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
 from eres_render.storage.locks import locked
@@ -74,7 +73,9 @@ def bake_scene(
     """
     folder = Path(folder) if folder else scene.folder
     make_folder(folder)
-    with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder):
+    together = folder / "lightmaps"
+    clear_unfinished(folder, together.name)
+    with unfinished(together, folder=True):
         pass  # where nothing can be written, say so before minutes of work
     settings = scene.settings.bake
     maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
@@ -83,8 +84,8 @@ def bake_scene(
         _VERSION_ATTRIBUTE: str(BAKE_VERSION),
         _COUNT_ATTRIBUTE: str(len(maps)),
     }
-    with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder) as unfinished:
-        written = [Path(unfinished) / _lightmap_name(shape_id) for shape_id in maps]
+    with unfinished(together, folder=True) as made:
+        written = [made / _lightmap_name(shape_id) for shape_id in maps]
         for path, irradiance in zip(written, maps.values(), strict=True):
             write_luminance(path, _rounded(irradiance), state)
         # All of them together, as a scene with some of its lightmaps cannot be rendered.
@@ -134,10 +135,10 @@ def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
     """Bake into a folder that gets its name when it is complete."""
     cached = _cached_lightmaps(scene)
     _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
-    unfinished = cached.with_name(f"{cached.name}.unfinished")
-    bake_scene(scene, unfinished, on_progress)
+    baked = cached.with_name(f"{cached.name}.unfinished")
+    bake_scene(scene, baked, on_progress)
     shutil.rmtree(cached, ignore_errors=True)
-    unfinished.rename(cached)
+    baked.rename(cached)
     return _lightmap_files(scene)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, Distortion
 from eres_render.progress import Progress, silent
-from eres_render.storage.atomic import make_folder, write_text
+from eres_render.storage.atomic import clear_unfinished, make_folder, write_text
 from eres_render.storage.settings_reader import read_json
 from eres_render.trajectory.tum import tum_text
 from sensor import Events
@@ -276,6 +276,7 @@ def crop(
     for folder in folders:
         if (folder / rig_files.FILE_NAME).exists():
             raise RigError(f"{folder}: found a recording, expected another --out for its crop")
+        clear_unfinished(folder)
         check_new(folder / FILE_NAME, overwrite)
     for file in out.glob(f"*/{FILE_NAME}"):
         if file.parent not in folders:
