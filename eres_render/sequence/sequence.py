@@ -28,7 +28,7 @@ from eres_render.camera import Camera
 from eres_render.cores import cores
 from eres_render.errors import RenderError, SequenceError, TrajectoryError
 from eres_render.sequence.manifest import Manifest, read_manifest, write_manifest
-from eres_render.storage.atomic import make_folder, write_text
+from eres_render.storage.atomic import make_folder, remove_unfinished, write_text
 from eres_render.storage.checksums import FILE_NAME, append_sum, read_sums, sha256, write_sums
 from eres_render.storage.exr import Compression, read_luminance, write_channels
 from eres_render.trajectory.spline import Trajectory
@@ -373,8 +373,7 @@ class SequenceWriter:
 
     def finish(self) -> None:
         """Mark the sequence as complete."""
-        for leftover in self.folder.rglob(".*.unfinished"):  # of a killed render
-            leftover.unlink(missing_ok=True)
+        remove_unfinished(self.folder)  # of a killed render
         write_sums(self.folder, self.checksums)
         write_manifest(self.folder, dataclasses.replace(self.manifest, complete=True))
 

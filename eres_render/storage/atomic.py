@@ -15,7 +15,6 @@ from uuid import uuid4
 from eres_render.errors import RenderError
 
 _log = logging.getLogger(__name__)
-_PROCESS = r"\.([^.]*)\.(\d+)\.[0-9a-f]{8}\.unfinished"  # machine and number
 
 
 def make_folder(folder: Path) -> None:
@@ -42,22 +41,26 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
-    """Make a temporary file or folder beside `path`, and remove it if it is still there at the end.
+    """Yield a temporary name beside `path`, and remove what has it at the end; make a folder of it.
 
-    It is locked meanwhile: `clear_unfinished` removes it after its process was killed.
+    A file beside it is locked meanwhile: `clear_unfinished` removes both after a process was
+    killed. The temporary file itself is not locked, as libraries such as HDF5 lock what they write.
     """
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
     process = f"{_machine()}.{os.getpid()}.{uuid4().hex[:8]}"
     made = path.with_name(f".{path.name[:48]}.{process}.unfinished")
+    lock = made.with_suffix(".lock")
     try:
-        made.mkdir() if folder else made.touch()
         with ExitStack() as held:
             with suppress(OSError, ImportError):
-                held.enter_context(_locked(made))
+                held.enter_context(_locked(lock, "ab"))
+            if folder:
+                made.mkdir()
             yield made
     finally:
         _remove(made)
+        _remove(lock)
 
 
 def clear_unfinished(folder: Path, name: str | None = None) -> None:
@@ -74,22 +77,31 @@ def clear_unfinished(folder: Path, name: str | None = None) -> None:
     """
     inside = folder.rglob if name is None else folder.glob
     of_name = ".+" if name is None else re.escape(name[:48])
-    for made in list(inside(".*.unfinished")):
-        found = re.fullmatch(rf"\.{of_name}{_PROCESS}", made.name)
+    for lock in list(inside(".*.lock")):
+        found = re.fullmatch(rf"\.{of_name}\.([^.]*)\.(\d+)\.[0-9a-f]{{8}}\.lock", lock.name)
         if found is None:
             continue
+        machine, process = found.groups()
+        made = lock.with_suffix(".unfinished")
         try:
-            with _locked(made):
-                if found[1] == _machine():
+            with _locked(lock, "r+b"):
+                if machine == _machine():
                     _remove(made)
+                    _remove(lock)
                     continue
         except (BlockingIOError, FileNotFoundError):  # it is being written, or was finished
             continue
         except (OSError, ImportError):
             pass
         _log.warning(
-            "%s: left by process %s on %s; remove it if that has ended", made, found[2], found[1]
+            "%s: left by process %s on %s; remove it if that ended", made, process, machine
         )
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove all temporary files in a folder to which no other process writes."""
+    for made in (*folder.rglob(".*.unfinished"), *folder.rglob(".*.lock")):
+        _remove(made)
 
 
 def _machine() -> str:
@@ -97,16 +109,13 @@ def _machine() -> str:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Lock a file or a folder; an ImportError on Windows, which has no such locks."""
+def _locked(path: Path, mode: str) -> Iterator[None]:
+    """Lock a file; an ImportError on Windows, which has no such locks."""
     import fcntl
 
-    file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)  # a lock over NFS needs both
-    try:
+    with path.open(mode) as file:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
-    finally:
-        os.close(file)
 
 
 def _remove(made: Path) -> None:

@@ -20,7 +20,8 @@ from sensor.file_lock import locked
 def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary file name in the folder of `path`; afterwards rename that file to `path`.
 
-    It is locked meanwhile, so that what a killed process leaves can be told from it.
+    A file beside it is locked meanwhile, by which commands tell it from what a killed process left.
+    The file itself is not, as libraries such as HDF5 lock what they write.
 
     Raises
     ------
@@ -32,8 +33,9 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     host = platform.node().partition(".")[0][:20]
     process = f"{host}.{os.getpid()}.{uuid4().hex[:8]}"
     unfinished = path.with_name(f".{path.name[:48]}.{process}.unfinished")
+    lock = unfinished.with_suffix(".lock")
     try:
-        with locked(unfinished):
+        with locked(lock):
             yield unfinished
             if overwrite:
                 os.replace(unfinished, path)
@@ -41,6 +43,7 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
                 _give_new_name(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
+        lock.unlink(missing_ok=True)
 
 
 def _give_new_name(unfinished: Path, path: Path) -> None:

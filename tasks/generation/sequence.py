@@ -15,7 +15,7 @@ from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.rendering.backend import release_memory
 from eres_render.scene.scene import Scene
 from eres_render.sequence.manifest import write_manifest
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import remove_unfinished, write_text
 from eres_render.trajectory.frame_times import paced_times
 from eres_render.trajectory.rig import second_camera, to_the_right
 from eres_render.trajectory.tum import tum_text
@@ -69,8 +69,7 @@ def complete_sequence(
     folder = sequence_folder(out, number)
     made = out / UNFINISHED / folder.name
     make_sequence(settings, number, made, on_progress)
-    for left in made.rglob(".*.unfinished"):  # of a process that was killed as it wrote
-        left.unlink()
+    remove_unfinished(made)  # of a process that was killed as it wrote
     os.replace(made, folder)
 
 

@@ -3,6 +3,8 @@
 import signal
 import threading
 
+import h5py
+
 from another_process import run_python
 from event_streams import random_events
 from sensor.formats import write_events
@@ -106,3 +108,14 @@ def test_other_threads_write_too(tmp_path):
     thread.start()
     thread.join()
     assert (handlers, count) == ([signal.getsignal(signal.SIGINT)], [5])
+
+
+def test_others_may_lock_the_file_while_it_is_written(tmp_path):
+    """Promise: what adds to a file may open it with HDF5, which locks it."""
+
+    def add(path):
+        with h5py.File(path, "r+") as file:
+            file["more"] = 1
+
+    write_events(tmp_path / "a.h5", random_events(5), add=add)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
