@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from errno import EINVAL
+
+_MOST_CHARACTERS = 500  # of what a library says, which may be a part of the file
 
 
 class SensorError(ValueError):
@@ -48,6 +52,54 @@ class EventFormatError(EventError):
     >>> load_events("bare.txt", size=(346, 260))
     Events(1 of 346x260 px, 334..334 us)
     """
+
+
+@contextmanager
+def reading(
+    place: object, format: str = "", error: type[ValueError] = EventFormatError
+) -> Iterator[None]:
+    """Turn any failure to read a file into one error that starts with its name.
+
+    What a damaged file makes of a library cannot be listed, so nothing is. Errors of the system,
+    such as a file that is missing, stay as they are, with the name of the file.
+
+    Parameters
+    ----------
+    place
+        The file, or a place in it.
+    format
+        What the file is read as, for errors of libraries; "" for a place in it.
+    error
+        Class of the new error.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    error
+        For any other error in the context, with its text and that error as its cause.
+    """
+    try:
+        yield
+    except (EventError, SensorError) as found:  # which say what is wrong
+        raise error(f"{place}: {found}") from found
+    except Exception as found:
+        # A damaged offset is EINVAL; libraries that describe the content give no number.
+        if isinstance(found, OSError) and found.errno not in (None, EINVAL):
+            if not format or found.filename is not None:
+                raise
+            raise OSError(found.errno, found.strerror, str(place)) from found
+        what = f"could not be read as {format}: " if format else ""
+        raise error(f"{place}: {what}{_reason(found)}") from found
+
+
+def _reason(found: Exception) -> str:
+    """Return what an error says, in one line, or its name."""
+    if isinstance(found, RecursionError):
+        return "nested too deep"
+    return " ".join(str(found).split())[:_MOST_CHARACTERS] or type(found).__name__
 
 
 def nearest(name: str, names: Collection[str], others: str = "") -> str:

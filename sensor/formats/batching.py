@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, concatenate
 
 PART_EVENTS = 1 << 20  # events in memory at a time
@@ -170,8 +170,6 @@ def with_checked_places(
         A pixel is outside the sensor.
     """
     p = np.where(on, 1, -1).astype(np.int8)
-    try:
+    with reading(where):
         Events(np.zeros_like(t_us), x, y, p, like.width, like.height)
-    except EventError as error:
-        raise EventFormatError(f"{where}: {error}") from error
     return Events.trusted(t_us, x, y, p, like=like)

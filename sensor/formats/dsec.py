@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events
 from sensor.formats import batching
-from sensor.formats.hdf5_file import load_h5py, writable
+from sensor.formats.hdf5_file import check_stored, load_h5py, text_of, writable
 from sensor.formats.header import (
     Header,
     model_from_json,
@@ -35,6 +35,7 @@ from sensor.formats.header import (
 )
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
+TITLE = "DSEC HDF5"
 _CHUNK_EVENTS = 1 << 16
 _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
 _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
@@ -182,23 +183,8 @@ def _append(dataset: Any, values: np.ndarray) -> None:
 
 
 @contextmanager
-def said(where: str) -> Iterator[None]:
-    """Convert errors about damage to `EventFormatError` with the place."""
-    try:
-        yield
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        if isinstance(error, EventError):
-            raise
-        text = error.args[0] if error.args and isinstance(error.args[0], str) else error
-        raise EventFormatError(f"{where}: {text}") from error
-
-
-@contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    h5py = load_h5py()
-    with said("not a complete HDF5 file"):
-        file = h5py.File(path, "r")
-    with file:
+    with load_h5py().File(path, "r") as file:
         yield file
 
 
@@ -213,16 +199,15 @@ def read_header(path: Path) -> Header:
     with _opened(path) as file:
         found: dict[str, Any] = {}
         for name in _ATTRIBUTES:
-            with said(f"attribute {name}"):
+            with reading(f"attribute {name}"):
                 if name in file.attrs:
                     value = file.attrs[name]
                     found[name] = _whole(value) if name in ("width", "height") else _text(value)
         offset_us = _read_offset_us(file)
-        with said("names"):
-            places = (*_PLACES, "triggers") if _has_triggers(file) else _PLACES
-            others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, places))
-            if isinstance(file.get("events"), load_h5py().Group):
-                others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
+        places = (*_PLACES, "triggers") if _has_triggers(file) else _PLACES
+        others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, places))
+        if isinstance(file.get("events"), load_h5py().Group):
+            others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
     return Header(
         found.get("width"),
         found.get("height"),
@@ -233,23 +218,25 @@ def read_header(path: Path) -> Header:
     )
 
 
-def _strangers(names: Iterable[str], known: Container[str]) -> Iterator[str]:
-    return (name for name in names if name not in known)
+def _strangers(names: Iterable[str | bytes], known: Container[str]) -> Iterator[str]:
+    return (name for name in map(text_of, names) if name not in known)
 
 
 def _read_offset_us(file: Any) -> int:
-    with said("t_offset"):
-        offset_us = _whole(file["t_offset"][()]) if "t_offset" in file else 0
-    if abs(offset_us) >= _MAX_OFFSET_US:
-        raise EventFormatError(f"t_offset: found {offset_us} us, expected less than 2^62 us from 0")
-    return offset_us
+    with reading("t_offset"):
+        if "t_offset" not in file:
+            return 0
+        check_stored(file["t_offset"])
+        offset_us = _whole(file["t_offset"][()])
+        if abs(offset_us) >= _MAX_OFFSET_US:
+            raise EventFormatError(f"found {offset_us} us, expected less than 2^62 us from 0")
+        return offset_us
 
 
 def _whole(value: Any) -> int:
-    whole = int(value)
-    if whole != value:
-        raise ValueError(f"found {value}, expected a whole number")
-    return whole
+    if not np.isfinite(value) or int(value) != value:
+        raise EventFormatError(f"found {value}, expected a whole number")
+    return int(value)
 
 
 def _text(value: Any) -> str:
@@ -280,6 +267,8 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     width, height = header.size
     with _opened(path) as file:
         columns = {name: integers(file, f"events/{name}") for name in _COLUMNS}
+        with reading("events"):
+            check_stored(*columns.values())
         length = len(columns["t"])
         for name, column in columns.items():
             if len(column) != length:
@@ -293,7 +282,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             stop = min(start + batching.PART_EVENTS, length)
             values = {}
             for name, column in columns.items():
-                with said(f"events/{name}, entries {start} to {stop}"):
+                with reading(f"events/{name}, entries {start} to {stop}"):
                     values[name] = column[start:stop]
             part = checked(values, start, offset_us, header)
             if part.t_us[0] < last_us:
@@ -313,11 +302,11 @@ def read_triggers(path: Path) -> Triggers:
         A dataset is missing, damaged, or has a wrong type or length.
     """
     with _opened(path) as file:
-        with said("triggers"):
-            if not _has_triggers(file):
-                return NO_TRIGGERS
+        if not _has_triggers(file):
+            return NO_TRIGGERS
         columns = [integers(file, f"triggers/{name}") for name in _TRIGGERS]
-        with said("triggers"):
+        with reading("triggers"):
+            check_stored(*columns)
             return Triggers(*(column[:] for column in columns))
 
 
@@ -344,13 +333,13 @@ def integers(file: Any, name: str) -> Any:
     EventFormatError
         The dataset is missing, not 1-D, or not of integers.
     """
-    with said(name):
+    with reading(name):
         if name not in file:
-            raise EventFormatError(f"{name}: missing")
+            raise EventFormatError("missing")
         column = file[name]
         if getattr(column, "ndim", None) != 1 or column.dtype.kind not in "uib":
-            raise EventFormatError(f"{name}: found {column}, expected a row of integers")
-    return column
+            raise EventFormatError(f"found {column}, expected a row of integers")
+        return column
 
 
 def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
@@ -387,7 +376,7 @@ def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: H
             raise EventFormatError(
                 f"events/{name}, entry {k}: found {wrong}, expected 0 to {limit - 1}"
             )
-    try:
+    with reading(f"events from {start}"):
         return Events(
             values["t"].astype(np.int64) + offset_us,
             values["x"].astype(np.uint16),
@@ -396,5 +385,3 @@ def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: H
             *header.size,
             header.model,
         )
-    except EventError as error:
-        raise EventFormatError(f"events from {start}: {error}") from error

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events, whole_us
 from sensor.formats import dsec
-from sensor.formats.hdf5_file import load_h5py
-
-
-@contextmanager
-def named_errors(path: Path) -> Iterator[None]:
-    """Add the name of the file to errors about its content."""
-    try:
-        with dsec.said("events"):
-            yield
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
+from sensor.formats.hdf5_file import check_stored, load_h5py
 
 
 class DsecReader:
@@ -67,12 +55,13 @@ class DsecReader:
         path = Path(path)
         path.open("rb").close()  # raises OSError if the file is missing or not readable
         self.path = path
-        with named_errors(self.path):
+        with reading(self.path, dsec.TITLE):
             self.header = dsec.read_header(path).with_size(size)
             self.file = load_h5py().File(path, "r")
             try:
                 names = [f"events/{name}" for name in ("t", "x", "y", "p")]
                 self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
+                check_stored(*self._columns.values())
                 self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
             except BaseException:
                 self.close()
@@ -109,7 +98,7 @@ class DsecReader:
         if t_us <= 0:
             return 0
         ms = t_us // 1000
-        with named_errors(self.path):
+        with reading(self.path, dsec.TITLE):
             if ms >= len(self._ms_to_idx):  # within the last millisecond, or later
                 first, stop = int(self._ms_to_idx[-1]) if len(self._ms_to_idx) else 0, len(self)
             else:
@@ -145,7 +134,7 @@ class DsecReader:
         first, stop, _ = slice(first, stop).indices(len(self))
         if first >= stop:
             return no_events(*self.header.size, self.header.model)
-        with named_errors(self.path):
+        with reading(self.path, dsec.TITLE):
             values = {name: column[first:stop] for name, column in self._columns.items()}
             return dsec.checked(values, first, self.header.t_offset_us, self.header)
 

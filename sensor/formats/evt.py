@@ -28,7 +28,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
 from sensor.formats.evt_systems import system_of
@@ -294,11 +294,8 @@ def read_version(path: Path) -> str:
     EventFormatError
         The header has no version, or one other than EVT2 and EVT3.
     """
-    try:
-        with path.open("rb") as file:
-            version = _read_raw(file).version
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
+    with reading(path, "Prophesee RAW"), path.open("rb") as file:
+        version = _read_raw(file).version
     if version is None:
         raise EventFormatError(
             f"{path}: the header does not say which version of EVT it is; expected '% evt 3.0' or "
@@ -349,12 +346,8 @@ def _read_raw(file: BinaryIO) -> _Raw:
         length += len(line)
         if not line.endswith(b"\n") or length > _MAX_HEADER_BYTES:
             raise EventFormatError(f"byte {length}: the header breaks off within a line")
-        try:
+        with reading(f"byte {length - len(line)}: found {line[:40]!r}, expected a line of text"):
             key, _, value = line[1:].decode("utf-8").strip().partition(" ")
-        except UnicodeDecodeError as error:
-            raise EventFormatError(
-                f"byte {length - len(line)}: found {line[:40]!r}, expected a line of text"
-            ) from error
         ended = key == "end"
         fields[key] = value.strip()
     if not fields:

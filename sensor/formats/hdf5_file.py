@@ -8,6 +8,7 @@ Signals wait until HDF5 has returned.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from typing import Any, TypeVar
 
 from sensor.errors import EventFormatError
 from sensor.formats.held_signals import HeldSignals, held_signals
+from sensor.growth import check_growth
 
 _Part = TypeVar("_Part")
 
@@ -36,6 +38,27 @@ def load_h5py() -> Any:
             f"DSEC's HDF5 needs {error.name}, which is not installed: pip install h5py hdf5plugin"
         ) from error
     return h5py
+
+
+def check_stored(*datasets: Any) -> None:
+    """Refuse datasets that are not stored: HDF5 reads what was never written as zeros.
+
+    Raises
+    ------
+    EventFormatError
+        Their chunks declare far more than the file has; see `check_growth`.
+    """
+    declared = 0
+    for one in datasets:
+        chunks = one.chunks or one.shape  # a chunk is decompressed as a whole
+        counts = (-(-side // chunk) for side, chunk in zip(one.shape, chunks, strict=True) if chunk)
+        declared += math.prod(counts) * math.prod(chunks) * one.dtype.itemsize
+    check_growth(declared, sum(one.id.get_storage_size() for one in datasets))
+
+
+def text_of(name: str | bytes) -> str:
+    """Return a name in an HDF5 file, which h5py gives as bytes if it is not UTF-8."""
+    return name.decode("utf-8", "replace") if isinstance(name, bytes) else name
 
 
 class Storage:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sensor.errors import EventFormatError, SensorError
+from sensor.errors import EventFormatError, reading
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 from sensor.model import MAX_SIDE_PX, SensorModel
 
@@ -169,10 +169,8 @@ def model_from_json(text: str) -> SensorModel:
         elif type(value) not in allowed and not (type(value) is int and float in allowed):
             expected = " or ".join("null" if k is type(None) else k.__name__ for k in allowed)
             raise EventFormatError(f"sensor_model.{name}: found {value!r}, expected {expected}")
-    try:
+    with reading("sensor_model"):
         return SensorModel(**table)
-    except (SensorError, TypeError) as error:
-        raise EventFormatError(f"sensor_model: {error}") from error
 
 
 def origin_to_json(origin: Mapping[str, Value]) -> str:
@@ -203,10 +201,8 @@ def origin_from_json(text: str) -> dict[str, Value]:
 
 
 def _table(text: str, name: str) -> dict[str, typing.Any]:
-    try:
+    with reading(f"{name}: found {text[:60]!r}, expected JSON"):
         table = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise EventFormatError(f"{name}: found {text[:60]!r}, expected JSON") from error
     if not isinstance(table, dict):
         raise EventFormatError(f"{name}: found {text[:60]!r}, expected a JSON object")
     return table

@@ -8,19 +8,16 @@ if the events have a model, `sensor_model`; if there are triggers, `trigger_t_us
 from __future__ import annotations
 
 import shutil
-import struct
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from errno import EINVAL
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import (
@@ -31,6 +28,7 @@ from sensor.formats.header import (
     origin_to_json,
 )
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
+from sensor.growth import check_growth
 
 _COLUMNS: dict[str, np.dtype[Any]] = {
     "t_us": np.dtype("<i8"),
@@ -104,74 +102,41 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 
 @contextmanager
-def _said(where: str) -> Iterator[None]:
-    """Convert errors of `zipfile`, `zlib` and numpy about damage to `EventFormatError`."""
-    try:
-        yield
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        ValueError,
-        EOFError,
-        NotImplementedError,  # compression or zip version unknown
-        RuntimeError,  # encrypted
-        struct.error,
-        OverflowError,
-        SyntaxError,
-        OSError,
-    ) as error:
-        # EINVAL is a damaged offset; other errors of the system are not about the content.
-        if isinstance(error, EventError) or getattr(error, "errno", None) not in (None, EINVAL):
-            raise
-        raise EventFormatError(f"{where}: {error or type(error).__name__}") from error
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+def _opened(
+    archive: zipfile.ZipFile, name: str
+) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype]]:
+    """Open an entry at its first value, with its shape and dtype."""
     with ExitStack() as stack:
-        with _said("zip directory"):
-            archive = stack.enter_context(zipfile.ZipFile(path))
-        yield archive
-
-
-def _open_entry(archive: zipfile.ZipFile, name: str) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
-    """Open an entry; return it at its first value, with its shape and dtype."""
-    try:
-        info = archive.getinfo(f"{name}.npy")
-    except KeyError:
-        raise EventFormatError(f"entry {name}: missing") from None
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise EventFormatError(
-            f"entry {name}: found compression {info.compress_type}, expected none or deflate"
-        )
-    with _said(f"entry {name}"):
-        entry = archive.open(info)
-        version = np.lib.format.read_magic(entry)
-        if version != (1, 0):
-            raise EventFormatError(f"entry {name}: found npy version {version}, expected (1, 0)")
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
-    if fortran and len(shape) > 1:
-        raise EventFormatError(
-            f"entry {name}: found shape {shape} in Fortran order, expected C order"
-        )
-    return entry, shape, dtype
+        with reading(f"entry {name}"):
+            if f"{name}.npy" not in archive.namelist():
+                raise EventFormatError("missing")
+            info = archive.getinfo(f"{name}.npy")
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise EventFormatError(
+                    f"found compression {info.compress_type}, expected none or deflate"
+                )
+            stored = min(info.compress_size, Path(str(archive.filename)).stat().st_size)
+            check_growth(info.file_size, stored)
+            entry = stack.enter_context(archive.open(info))
+            version = np.lib.format.read_magic(entry)
+            if version != (1, 0):
+                raise EventFormatError(f"found npy version {version}, expected (1, 0)")
+            shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
+            if fortran and len(shape) > 1:
+                raise EventFormatError(f"found shape {shape} in Fortran order, expected C order")
+        yield entry, shape, dtype
 
 
 def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
     """Read a number or text without dimensions; None if no entry has the name."""
     if f"{name}.npy" not in archive.namelist():
         return None
-    entry, shape, dtype = _open_entry(archive, name)
-    with entry, _said(f"entry {name}"):
+    with _opened(archive, name) as (entry, shape, dtype), reading(f"entry {name}"):
         if shape != () or dtype.kind not in kind or dtype.itemsize > _MAX_TEXT_BYTES:
-            raise EventFormatError(
-                f"entry {name}: found {dtype} of shape {shape}, expected one value"
-            )
-        data = entry.read()
+            raise EventFormatError(f"found {dtype} of shape {shape}, expected one value")
+        data = entry.read(dtype.itemsize + 1)
         if len(data) != dtype.itemsize:
-            raise EventFormatError(
-                f"entry {name}: found {len(data)} bytes, expected {dtype.itemsize}"
-            )
+            raise EventFormatError(f"found {len(data)} bytes, expected {dtype.itemsize}")
         return np.frombuffer(data, dtype)[0].item()
 
 
@@ -183,7 +148,7 @@ def read_header(path: Path) -> Header:
     EventFormatError
         The file is not zip, or one of these entries is damaged.
     """
-    with _opened(path) as archive:
+    with zipfile.ZipFile(path) as archive:
         width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
         model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
         t_offset_us = _read_scalar(archive, "t_offset_us", "iu")
@@ -220,12 +185,11 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         stream.
     """
     width, height = header.size
-    with _opened(path) as archive, ExitStack() as stack:
+    with zipfile.ZipFile(path) as archive, ExitStack() as stack:
         entries = {}
         length = None
         for name, expected in _COLUMNS.items():
-            entry, shape, dtype = _open_entry(archive, name)
-            entries[name] = stack.enter_context(entry)
+            entries[name], shape, dtype = stack.enter_context(_opened(archive, name))
             wrong_length = length is not None and shape != (length,)
             if dtype != expected or len(shape) != 1 or wrong_length:
                 raise EventFormatError(
@@ -240,17 +204,15 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             count = min(batching.PART_EVENTS, (length or 0) - done)
             columns = {}
             for name, entry in entries.items():
-                with _said(f"entry {name}, from event {done}"):
+                with reading(f"entry {name}, from event {done}"):
                     data = entry.read(count * _COLUMNS[name].itemsize)
                 if len(data) != count * _COLUMNS[name].itemsize:
                     raise EventFormatError(
                         f"entry {name}: ends after event {done}, expected {length}"
                     )
                 columns[name] = np.frombuffer(data, _COLUMNS[name])
-            try:
+            with reading(f"events from {done}"):
                 part = Events(**columns, width=width, height=height, model=header.model)
-            except EventError as error:
-                raise EventFormatError(f"events from {done}: {error}") from error
             if part.t_us[0] < last_us:
                 raise EventFormatError(
                     f"event {done}: found time {part.t_us[0]} us after {last_us} us"
@@ -259,9 +221,9 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             done += count
             yield part
         for name, entry in entries.items():
-            with _said(f"entry {name}"):  # reading to the end checks the checksum
+            with reading(f"entry {name}"):  # reading to the end checks the checksum
                 if entry.read(1):
-                    raise EventFormatError(f"entry {name}: found more than {length} values")
+                    raise EventFormatError(f"found more than {length} values")
 
 
 def read_triggers(path: Path) -> Triggers:
@@ -272,17 +234,14 @@ def read_triggers(path: Path) -> Triggers:
     EventFormatError
         An entry is missing, damaged, or has a wrong dtype or length.
     """
-    with _opened(path) as archive:
+    with zipfile.ZipFile(path) as archive:
         if not any(f"{name}.npy" in archive.namelist() for name in _TRIGGERS):
             return NO_TRIGGERS
         columns = []
         for name in _TRIGGERS:
-            entry, shape, dtype = _open_entry(archive, name)
-            with entry, _said(f"entry {name}"):
+            with _opened(archive, name) as (entry, shape, dtype), reading(f"entry {name}"):
                 column = np.frombuffer(entry.read(), dtype)
-            if column.shape != shape:
-                raise EventFormatError(
-                    f"entry {name}: found {len(column)} values, expected {shape}"
-                )
+                if column.shape != shape:
+                    raise EventFormatError(f"found {len(column)} values, expected {shape}")
             columns.append(column)
     return Triggers(*columns)

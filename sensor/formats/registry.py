@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, concatenate
 from sensor.formats import aedat3, dsec, evt, evt2, evt3, faery_files, npz, ros_bag, text
 from sensor.formats.batching import rebatch
@@ -111,7 +111,7 @@ FORMATS: dict[str, Format] = {
     for f in (
         Format(
             "dsec",
-            "DSEC HDF5",
+            dsec.TITLE,
             (".h5", ".hdf5"),
             dsec.write,
             dsec.read_header,
@@ -351,7 +351,7 @@ def write_events(
     except OSError as error:
         if error in of_input or error.filename not in (None, str(unfinished)):
             raise
-        raise _with_path(error, path) from error
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
     except EventFormatError as error:
         if error in of_input:
             raise
@@ -367,11 +367,6 @@ def _noting(parts: Iterable[Events], errors: list[Exception]) -> Iterator[Events
     except (EventFormatError, OSError) as error:
         errors.append(error)
         raise
-
-
-def _with_path(error: OSError, path: Path) -> OSError:
-    """Return the error with the name of the file, which errors of reads and writes lack."""
-    return OSError(error.errno or errno.EIO, error.strerror or str(error), str(path))
 
 
 def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
@@ -426,12 +421,10 @@ def read_header(path: str | Path, *, format: str | None = None, topic: str | Non
     path = Path(path)
     path.open("rb").close()  # raises OSError if the file is missing or not readable
     chosen = find_format(path, format)
-    try:
+    with reading(path, chosen.title):
         if topic is not None and "topic" in chosen.options:
             return chosen.read_header(path, topic=topic)
         return chosen.read_header(path)
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
 
 
 def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
@@ -475,10 +468,8 @@ def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
     path.open("rb").close()  # raises OSError if the file is missing or not readable
     if chosen.read_triggers is None:
         return NO_TRIGGERS
-    try:
+    with reading(path, chosen.title):
         return chosen.read_triggers(path)
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
 
 
 def read_events(
@@ -539,7 +530,7 @@ def read_events(
     chosen = find_format(path, format)
     options = {"time_unit": time_unit, "sort": sort, "topic": topic}
     given = {name: value for name, value in options.items() if value}
-    try:
+    with reading(path):
         header = header.with_size(size)
         for name in given:
             if name not in chosen.options:
@@ -551,20 +542,14 @@ def read_events(
                 raise EventFormatError(
                     f"{name}: found {given[name]}, expected none for {chosen.title}, which {reason}"
                 )
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
     return _parts(path, chosen, header, given)
 
 
 def _parts(
     path: Path, chosen: Format, header: Header, options: Mapping[str, object]
 ) -> Iterator[Events]:
-    try:
+    with reading(path, chosen.title):
         yield from chosen.read(path, header, **options)
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
-    except OSError as error:
-        raise _with_path(error, path) from error
 
 
 def load_events(

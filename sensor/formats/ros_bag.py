@@ -10,15 +10,15 @@ Both have the same layout, packed and little-endian:
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
@@ -29,28 +29,19 @@ _PACKETS = "event_camera_msgs/msg/EventPacket"
 _EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("on", "u1")])
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a bag; errors of the library become ours.
+def _opened(path: Path) -> Any:
+    """Open a bag.
 
     Raises
     ------
     EventFormatError
-        rosbags is not installed, or the file is not a complete bag.
+        rosbags is not installed.
     """
-    try:
-        rosbag1 = importlib.import_module("rosbags.rosbag1")
-    except ImportError:
+    if importlib.util.find_spec("rosbags") is None:
         raise EventFormatError(
             "bag needs rosbags, which is not installed: in a checkout, pip install '.[formats]'"
-        ) from None
-    try:
-        with rosbag1.Reader(path) as reader:
-            yield reader
-    except (EventFormatError, OSError):
-        raise
-    except Exception as error:  # a damaged file may raise anything
-        raise EventFormatError(f"rosbags cannot read it: {error}") from error
+        )
+    return importlib.import_module("rosbags.rosbag1").Reader(path)
 
 
 def _topics(reader: Any) -> list[Any]:
@@ -121,17 +112,13 @@ def read_header(path: Path, *, topic: str | None = None) -> Header:
 
 def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
     """Return the events of a message, and the width and height of the sensor."""
-    try:
+    with reading(f"message {number}: found {len(data)} bytes, which are not an array of events"):
         (named,) = struct.unpack_from("<I", data, 12)
         height, width, count = struct.unpack_from("<III", data, 16 + named)
         start = 28 + named
         if start + count * _EVENT.itemsize != len(data):
-            raise ValueError
+            raise EventFormatError(f"found {count} of {_EVENT.itemsize} bytes after byte {start}")
         return np.frombuffer(data, _EVENT, count, start), width, height
-    except (struct.error, ValueError):
-        raise EventFormatError(
-            f"message {number}: found {len(data)} bytes, which are not an array of events"
-        ) from None
 
 
 def read(

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from sensor.errors import SensorError, nearest
+from sensor.errors import SensorError, nearest, reading
 from sensor.model import PHOTORECEPTORS, SensorModel
 from sensor.numbers import real, refusal
 from sensor.profiles.profile import Bound, Profile, Sourced
@@ -74,8 +74,10 @@ def read_profile(file: str | Path) -> Profile:
     Raises
     ------
     SensorError
-        The file cannot be read, a field is unknown, a unit is wrong, a number is outside its range,
-        or a source is missing; the text names file and field.
+        There is no such file, it is not TOML, a field is unknown, a unit is wrong, a number is
+        outside its range, or a source is missing; the text names file and field.
+    OSError
+        The file cannot be read.
 
     Examples
     --------
@@ -87,36 +89,22 @@ def read_profile(file: str | Path) -> Profile:
     0.0953
     """
     file = Path(file)
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SensorError(f"{file}: no such profile") from None
-    except OSError as error:
-        raise SensorError(f"{file}: cannot be read: {error.strerror}") from error
-    except ValueError as error:  # of the parser, or of the decoder
-        raise SensorError(f"{file}: not TOML: {error}") from None
-    title = table.pop("title", None)
-    if not isinstance(title, str):
-        raise SensorError(f"{file}: title: found {title!r}, expected the name of the sensor")
-    known: dict[str, Sourced] = {}
-    bounds: dict[str, Bound] = {}
-    for name, facts in table.items():
-        if name not in FIELDS:
-            raise SensorError(f"{file}: {name}: unknown; {nearest(name, FIELDS)}")
-        try:
-            found = _read(name, facts)
-        except SensorError as error:
-            raise SensorError(f"{file}: {error}") from None
-        if isinstance(found, Bound):
-            bounds[name] = found
-        else:
-            known[name] = found
     packaged = file.parent == _FOLDER
-    profile = Profile(file.stem if packaged else str(file), title, known, bounds)
-    try:
+    if not file.is_file():
+        raise SensorError(f"{file}: no such profile")
+    with reading(file, "TOML", SensorError):
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        title = table.pop("title", None)
+        if not isinstance(title, str):
+            raise SensorError(f"title: found {title!r}, expected the name of the sensor")
+        for name in table:
+            if name not in FIELDS:
+                raise SensorError(f"{name}: unknown; {nearest(name, FIELDS)}")
+        found = {name: _read(name, facts) for name, facts in table.items()}
+        known = {name: one for name, one in found.items() if isinstance(one, Sourced)}
+        bounds = {name: one for name, one in found.items() if isinstance(one, Bound)}
+        profile = Profile(file.stem if packaged else str(file), title, known, bounds)
         profile.applied_to(SensorModel(width=1, height=1, dark_level=1.0))
-    except SensorError as error:
-        raise SensorError(f"{file}: {error}") from None
     return profile
 
 

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from eres_render import RadianceSequence, open_sequence
 from sensor import Events
-from sensor.formats.dsec_reader import DsecReader, named_errors
+from sensor.errors import reading
+from sensor.formats import dsec
+from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import crop_to_aspect, integrate
 from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
 from tasks.errors import TaskError
@@ -156,7 +158,7 @@ class EventDataset:
         item["recording"] = np.array(number)
         if "frame" in self.targets:
             item |= _frame(recording, events, window_us[1])
-        with named_errors(recording.path):
+        with reading(recording.path, dsec.TITLE):
             return item | _truth(reader.file, recording, self.targets, window_us)
 
     def _count(self, recording: Recording) -> int:

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
 from eres_render import open_sequence
 from sensor import EventFormatError
-from sensor.formats import FORMATS, read_events, read_header
-from sensor.formats.dsec_reader import DsecReader, named_errors
+from sensor.errors import reading
+from sensor.formats import FORMATS, dsec, read_events, read_header
+from sensor.formats.dsec_reader import DsecReader
+from sensor.formats.hdf5_file import check_stored
 from tasks.errors import TaskError
 
 TRUTH = {
@@ -135,7 +137,7 @@ def _has_events(path: Path) -> bool:
         try:
             with ZipFile(path) as archive:
                 return "t_us.npy" in archive.namelist()
-        except BadZipFile:  # damaged
+        except Exception:  # damaged
             return True
     for unit in (None, "us"):  # whole times may be in any unit
         with suppress(EventFormatError):
@@ -170,9 +172,12 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
             if last >= 0:
                 first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, last))
                 window_us = first_us, last_us + 1
-        with named_errors(path):
+        with reading(path, dsec.TITLE):
             truth = reader.file.get("truth", {})
-            times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
+            times: tuple[int, ...] = ()
+            if "t_us" in truth:
+                check_stored(truth["t_us"])
+                times = tuple(int(t_us) for t_us in truth["t_us"][:])
             targets = [name for name, place in TRUTH.items() if place in truth]
             shapes = {name: array.shape for name, array in truth.items()}
         first, stop = (reader.index_at(t_us) for t_us in window_us)

@@ -13,7 +13,8 @@ import hdf5plugin
 import numpy as np
 
 from eres_render import GroundTruth, RadianceSequence, ground_truth, window_times
-from sensor import EventFormatError, SensorModel
+from sensor import SensorModel
+from sensor.errors import reading
 from sensor.formats.hdf5_file import Storage, writable
 from tasks.errors import TaskError
 
@@ -133,19 +134,16 @@ def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> Add
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):
             for name in names:
-                try:
+                with reading(f"{source}: {name}"):
                     _copy(old[name], file, name, storage)
                     if shift_us:
                         file[f"{name}/t_us"][...] += shift_us
-                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                    storage.check()
-                    raise EventFormatError(f"{source}: {name}: cannot be read: {error}") from error
 
     return add
 
 
-def _copy(old: Any, parent: h5py.Group, name: str, storage: Storage) -> None:
-    """Copy a group or a dataset chunk by chunk, in bounded memory."""
+def _copy(old: Any, parent: h5py.Group, name: str | bytes, storage: Storage) -> None:
+    """Copy a group or a dataset by the chunks that are stored, in bounded memory."""
     new: Any
     if isinstance(old, h5py.Group):
         new = parent.create_group(name)
@@ -153,9 +151,22 @@ def _copy(old: Any, parent: h5py.Group, name: str, storage: Storage) -> None:
             _copy(old[child], new, child, storage)
     else:
         kind, space, how = old.id.get_type(), old.id.get_space(), old.id.get_create_plist()
-        new = h5py.Dataset(h5py.h5d.create(parent.id, name.encode(), kind, space, how))
+        encoded = name.encode() if isinstance(name, str) else name
+        new = h5py.Dataset(h5py.h5d.create(parent.id, encoded, kind, space, how))
         if old.shape is not None:
-            for part in storage.each(old.iter_chunks() if old.chunks else [...]):
+            for part in storage.each(_stored_chunks(old) if old.chunks else [...]):
                 new[part] = old[part]
     for key, value in old.attrs.items():
         new.attrs[key] = value
+
+
+def _stored_chunks(dataset: Any) -> list[tuple[slice, ...]]:
+    """Return where the chunks are that a file has; the others would be read as zeros."""
+    found: list[tuple[slice, ...]] = []
+
+    def add(chunk: Any) -> None:
+        sides = zip(chunk.chunk_offset, dataset.chunks, strict=True)
+        found.append(tuple(slice(start, start + side) for start, side in sides))
+
+    dataset.id.chunk_iter(add)
+    return found

@@ -391,7 +391,7 @@ def test_damaged_truth_is_not_copied(eres, sequence, tmp_path):
     data[chunk.byte_offset + chunk.size // 2] ^= 1
     a.write_bytes(data)
     code, _, err = eres("convert", a, b)
-    assert (code, f"{a}: truth: cannot be read" in err) == (1, True)
+    assert (code, f"{a}: truth: " in err) == (1, True)
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
 
 

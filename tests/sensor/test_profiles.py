@@ -110,7 +110,7 @@ def test_light_drives_cutoff_and_noise_together():
             TEXT.replace("[0.1, 0.3]", "[0.3, 0.1]"),
             "found [0.3, 0.1], expected its lower end",
         ),
-        ("title = ", "not TOML"),
+        ("title = ", "could not be read as TOML"),
     ],
 )
 def test_a_wrong_profile_is_refused(tmp_path, text, expected):

@@ -386,7 +386,7 @@ def twice(folder):
         (no_frame, r"missing"),
         (no_truth, r"2.h5: found no flow, which is from `--truth`"),
         (unfinished, r"unfinished: found an unfinished file"),
-        (cut, r"1.h5: not a complete HDF5 file"),
+        (cut, r"1.h5: could not be read as DSEC HDF5"),
         (raw, r"2.raw: found a format without windows, .*: eres convert .*2.raw .*2.h5"),
         (twice, r"clip_001: found clip 1 of .*, as in .*again;"),
     ],
