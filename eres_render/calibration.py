@@ -6,6 +6,7 @@ file is half a pixel less than `cx` and `cy`.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable
@@ -18,8 +19,9 @@ import yaml
 
 from eres_render.camera import Camera
 from eres_render.distortion import Distortion
-from eres_render.errors import RenderError
+from eres_render.errors import RenderError, reading
 from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import check_nesting, number
 
 _FIRST_CENTER_PX = 0.5
 _KALIBR_NAME = re.compile(r"cam\d+", re.ASCII)
@@ -51,6 +53,11 @@ def read_camera(file: str | Path, name: str | None = None) -> Camera:
         If the file cannot be read, a field is missing or wrong, or the lens model is not supported.
     """
     file = Path(file)
+    with reading(file, "YAML", RenderError):
+        return _read_camera(file, name)
+
+
+def _read_camera(file: Path, name: str | None) -> Camera:
     table = _table(file)
     if "camera_matrix" in table:
         if name is not None:
@@ -139,22 +146,30 @@ for _tag in ("opencv-matrix", "opencv-nd-matrix"):  # the other one is of vector
 
 
 def _table(file: Path) -> dict[str, Any]:
-    try:
-        text = Path(file).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise RenderError(f"{file}: no such file") from None
-    except OSError as error:
-        raise RenderError(f"{file}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise RenderError(f"{file}: not YAML: {error}") from None
+    text = file.read_text(encoding="utf-8")
     text = re.sub(r"\A%YAML:1\.\d\s*\n", "", text)  # as OpenCV writes it, which is not YAML
-    try:
-        table = yaml.load(text, _Loader)
-    except (yaml.YAMLError, ValueError) as error:  # such as that of a date in month 13
-        raise RenderError(f"{file}: not YAML: {' '.join(str(error).split())}") from None
+    loader = _Loader(text)
+    root = loader.get_single_node()
+    if _with_aliases(root, len(text)) > len(text):
+        raise RenderError("found aliases (*) of more entries than the file has bytes")
+    table = loader.construct_document(root) if root is not None else None
+    check_nesting(table)
     if not isinstance(table, dict):
-        raise RenderError(f"{file}: found {type(table).__name__}, expected a table of fields")
+        raise RenderError(f"found {type(table).__name__}, expected a table of fields")
     return table
+
+
+def _with_aliases(root: yaml.Node | None, most: int) -> int:
+    """Return the number of entries with those of aliases in their place, or one above `most`."""
+    count, left = 0, [root]
+    while left and count <= most:
+        node = left.pop()
+        count += 1
+        if isinstance(node, yaml.SequenceNode):
+            left += node.value
+        elif isinstance(node, yaml.MappingNode):
+            left += itertools.chain.from_iterable(node.value)
+    return count
 
 
 def _of_opencv(table: dict[str, Any], file: Path) -> Camera:
@@ -228,10 +243,7 @@ def _numbers(found: Any, counts: tuple[int, ...], where: str) -> list[float]:
     expected = f"{' or '.join(map(str, counts))} numbers"
     if not isinstance(found, list) or len(found) not in counts:
         raise RenderError(f"{where}: found {found!r}, expected {expected}")
-    try:
-        values = [float(one) for one in found]  # YAML reads 1e-5, without a point, as a string
-    except (TypeError, ValueError):
-        raise RenderError(f"{where}: found {found!r}, expected {expected}") from None
+    values = [number(one) for one in found]  # YAML reads 1e-5, without a point, as a string
     if not all(map(math.isfinite, values)):
         raise RenderError(f"{where}: found {found!r}, expected {expected}")
     return values

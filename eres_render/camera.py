@@ -108,6 +108,8 @@ class Camera:
             fov_rad = 2 * math.atan2(0.5 * width, fx)
         if not 0 < fov_rad < math.pi:
             raise RenderError(f"Camera.fov_rad: found {fov_rad}, expected (0, pi)")
+        if fy is not None and not 0 < 2 * math.atan2(0.5 * height, fy) < math.pi:
+            raise RenderError(f"Camera.fy: found {fy}, expected a view of (0, pi) along y")
         fx_of_fov = 0.5 * width / math.tan(0.5 * fov_rad)
         if fx is None:
             fx = fx_of_fov
@@ -134,8 +136,9 @@ class Camera:
         """Refuse a lens that folds the image; if it does not on the border, it does not inside."""
         grid = self.grid(_BORDER).reshape(_BORDER, _BORDER, 2)
         border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
-        xy = lens.undistort((border - (self.cx, self.cy)) / (self.fx, self.fy))
-        radius = np.hypot(*xy.T)
+        with np.errstate(over="ignore", invalid="ignore"):
+            xy = lens.undistort((border - (self.cx, self.cy)) / (self.fx, self.fy))
+            radius = np.hypot(*xy.T)
         if radius.max() < lens.reach:
             return
         worst = radius.argmax()

@@ -2,7 +2,12 @@
 
 import difflib
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from errno import EINVAL
+from pathlib import Path
+
+_MOST_CHARACTERS = 500  # of what a library says, which may be a part of the file
 
 
 class RenderError(ValueError):
@@ -66,6 +71,54 @@ class BackendError(RenderError):
     eres_render.errors.BackendError: ERES_VARIANT: found 'fastest', expected one of ...
     >>> del os.environ["ERES_VARIANT"]
     """
+
+
+@contextmanager
+def reading(file: Path, format: str, error: type[ValueError]) -> Iterator[None]:
+    """Turn any failure to read a file into one error that starts with its name.
+
+    What a damaged file makes of a library cannot be listed, so nothing is.
+
+    Parameters
+    ----------
+    file
+        The file.
+    format
+        What it is read as, such as "TOML".
+    error
+        Class of the new error.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    error
+        For any error in the context, with that error as its cause; the text of one of this class
+        or of this package stays, behind the name of the file unless it starts with it.
+    """
+    try:
+        yield
+    except (RenderError, error) as found:
+        named = str(found).startswith(str(file))
+        if named and isinstance(found, error):
+            raise
+        raise error(str(found) if named else f"{file}: {found}") from found
+    except FileNotFoundError as found:
+        raise error(f"{file}: no such file") from found
+    except Exception as found:
+        # A damaged offset is EINVAL; libraries that describe the content give no number.
+        if isinstance(found, OSError) and found.errno not in (None, EINVAL):
+            raise error(f"{file}: cannot be read: {found.strerror}") from found
+        raise error(f"{file}: could not be read as {format}: {_reason(found)}") from found
+
+
+def _reason(found: Exception) -> str:
+    """Return what an error says, in one line, or its name."""
+    if isinstance(found, RecursionError):
+        return "nested too deep"
+    return " ".join(str(found).split())[:_MOST_CHARACTERS] or type(found).__name__
 
 
 def nearest(name: str, known: Collection[str]) -> str:

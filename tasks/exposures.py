@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eres_render.errors import reading
 from eres_render.storage.atomic import write_text
 from tasks.errors import TaskError
 
@@ -59,7 +60,10 @@ def read_exposures(folder: Path) -> list[Exposure]:
         it starts, or an image has no name.
     """
     path = folder / FILE_NAME
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+    with (
+        reading(path, "CSV", TaskError),
+        path.open(newline="", encoding="utf-8-sig", errors="replace") as file,
+    ):
         table = csv.reader(file)
         names = [name.strip() for name in next(table, [])]
         if missing := [name for name in COLUMNS if name not in names]:

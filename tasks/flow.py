@@ -261,7 +261,7 @@ def find_features(
             f"the window from {start_s:g} to {end_s:g} s, expected {count}"
         )
     scene, sample = key
-    rng = np.random.default_rng([seed, zlib.crc32(scene.encode()), sample])
+    rng = np.random.default_rng([seed, zlib.crc32(scene.encode(errors="surrogatepass")), sample])
     draws = rng.standard_normal((count, 2))
     return Features(width, height, corners_px[chosen], flow_px[chosen], draws)
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eres_render.errors import check_positive
+from eres_render.errors import check_positive, reading
 from eres_render.storage.atomic import write_bytes
+from sensor.growth import check_growth
 from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
 
@@ -150,15 +151,14 @@ def read_rows(path: str | Path) -> list[Row]:
     import pyarrow.parquet as pq
 
     path = Path(path)
-    try:
-        data = pa.BufferReader(path.read_bytes())
-        table = pq.ParquetFile(data, page_checksum_verification=True).read()
+    if not path.exists():
+        raise ResultError(f"{path}: no such file; is this the folder of a finished run?")
+    with reading(path, "a Parquet file of rows", ResultError):
+        data = path.read_bytes()
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        check_growth(8 * file.metadata.num_rows * file.metadata.num_columns, len(data))
+        table = file.read()
         table.validate(full=True)
-    except FileNotFoundError:
-        raise ResultError(f"{path}: no such file; is this the folder of a finished run?") from None
-    except (pa.ArrowException, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise ResultError(f"{path}: not a complete Parquet file of rows: {reason}") from None
     _check_columns(path, table.schema)
     for name in table.column_names:
         if missing := table[name].null_count:

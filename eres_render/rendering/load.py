@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from eres_render.errors import SceneError
+from eres_render.errors import SceneError, reading
 from eres_render.scene.ply import check_faces
 from eres_render.scene.scene import Scene
 from eres_render.storage.exr import check_readable, read_half
@@ -73,35 +73,32 @@ def load_mi_scene(
             check_faces(file)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
-    with files_of(scene):
-        try:
-            state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
-            # Its cameras are unused, and Mitsuba would warn of their films.
-            _drop(state.nodes[0], mi.ObjectType.Sensor, state)
-            shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
-            taken = {node.props.id() for node in shapes}
-            for number, node in enumerate(shapes):
-                if not node.props.id():  # lightmaps and errors go by it
-                    name = f"{node.props.plugin_name()}_{number}"
-                    while name in taken:
-                        name += "_"
-                    node.props.set_id(name)
-                if emitters and node.props.id() in emitters:
-                    node.props["glow"] = emitters[node.props.id()]
-                    _drop(node, mi.ObjectType.BSDF, state)
-            _drop(state.nodes[0], mi.ObjectType.Shape, state, without)
-            for node in state.nodes:
-                if node.props.plugin_name() == "bitmap":
-                    if not emitters and node.props.get("filename") in textures.values():
-                        _read_texture(node.props)
-                    exr = str(node.props.get("filename", "")).lower().endswith(".exr")
-                    if not exr and node.props.get("format", "auto") == "auto":
-                        node.props["format"] = "variant"  # light as floats, not codes of 8 bits
-            mi.parser.transform_all(config, state)
-            with _warnings_of(scene):
-                mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
-        except RuntimeError as error:
-            raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
+    with files_of(scene), reading(scene.xml_file, "a Mitsuba scene", SceneError):
+        state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
+        # Its cameras are unused, and Mitsuba would warn of their films.
+        _drop(state.nodes[0], mi.ObjectType.Sensor, state)
+        shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
+        taken = {node.props.id() for node in shapes}
+        for number, node in enumerate(shapes):
+            if not node.props.id():  # lightmaps and errors go by it
+                name = f"{node.props.plugin_name()}_{number}"
+                while name in taken:
+                    name += "_"
+                node.props.set_id(name)
+            if emitters and node.props.id() in emitters:
+                node.props["glow"] = emitters[node.props.id()]
+                _drop(node, mi.ObjectType.BSDF, state)
+        _drop(state.nodes[0], mi.ObjectType.Shape, state, without)
+        for node in state.nodes:
+            if node.props.plugin_name() == "bitmap":
+                if not emitters and node.props.get("filename") in textures.values():
+                    _read_texture(node.props)
+                exr = str(node.props.get("filename", "")).lower().endswith(".exr")
+                if not exr and node.props.get("format", "auto") == "auto":
+                    node.props["format"] = "variant"  # light as floats, not codes of 8 bits
+        mi.parser.transform_all(config, state)
+        with _warnings_of(scene):
+            mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
     if str(mi.variant()).endswith("_rgb"):
         _drop_color(mi_scene)
     return mi_scene

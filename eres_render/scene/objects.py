@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eres_render.errors import TrajectoryError
+from eres_render.errors import TrajectoryError, reading
 from eres_render.trajectory.spline import Trajectory, path_through
 from eres_render.trajectory.tum import read_tum
 
@@ -90,8 +90,6 @@ def read_object(
             f"{name!r} that covers the camera's, 0 to {duration_s:g} s"
         )
     t_s[0], t_s[-1] = min(t_s[0], 0.0), max(t_s[-1], duration_s)
-    try:
+    with reading(file, "text", TrajectoryError):
         path = path_through(t_s, poses)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{file}: {error}") from error
     return MovingObject(name, shapes, path, float(t_s[0]))

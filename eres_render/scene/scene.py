@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera, Plane
-from eres_render.errors import RenderError, SceneError, TrajectoryError
+from eres_render.errors import RenderError, SceneError, TrajectoryError, reading
 from eres_render.scene.objects import MovingObject, read_object
 from eres_render.scene.settings import (
     FacingPlanePath,
@@ -273,11 +273,9 @@ class Scene:
                 "a Trajectory in Python"
             )
         if isinstance(path, TumPath):
-            t_offset_us, t_s, poses = read_tum_from_start(self._tum_file)
-            try:
+            with reading(self._tum_file, "text", TrajectoryError):
+                t_offset_us, t_s, poses = read_tum_from_start(self._tum_file)
                 return path_through(t_s, poses, t_offset_us)
-            except TrajectoryError as error:
-                raise TrajectoryError(f"{self._tum_file}: {error}") from error
         try:
             return self._made_path(path)
         except TrajectoryError as error:  # which starts with the field

@@ -11,10 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from eres_render.errors import SceneError
+from eres_render.errors import SceneError, reading
 
 _log = logging.getLogger(__name__)
 
+_MOST_NESTED = 100  # Mitsuba's parser ends the process at thousands
+_MAX_CHARACTERS = 1 << 16
+_MAX_FILES = 20_000  # files that include others twice reach it soon
 _FILM_PX = (768, 576)  # Mitsuba's own default
 _FULL_FRAME_MM = math.hypot(36.0, 24.0)
 
@@ -96,6 +99,18 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
     return SceneXml(file, tuple(reader.files), cameras, shape_ids)
 
 
+def _parsed(file: Path) -> Element:
+    """Return the root of an XML file that is not nested too deep for Mitsuba's parser."""
+    depth, opened = 0, list[Element]()
+    with file.open("rb") as data:
+        for event, element in ElementTree.iterparse(data, ("start", "end")):
+            depth += 1 if event == "start" else -1
+            opened = opened or [element]
+            if depth > _MOST_NESTED:
+                raise RecursionError
+    return opened[0]
+
+
 def canonical_xml(file: Path) -> str:
     """Return the content of an XML file without comments and layout, attributes sorted."""
     return ElementTree.canonicalize(from_file=file, strip_text=True)
@@ -115,13 +130,11 @@ class _Reader:
     def elements(self, file: Path) -> Iterator[Element]:
         if file.resolve() in self.open:
             raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
+        if len(self.files) > _MAX_FILES:
+            raise SceneError(f"{file}: found more than {_MAX_FILES} names of files before it")
         self.open.append(file.resolve())
-        try:
-            root = ElementTree.parse(file).getroot()
-        except OSError as error:
-            raise SceneError(f"{file}: cannot be read: {error.strerror}") from error
-        except (ElementTree.ParseError, ValueError, LookupError) as error:  # also of its encoding
-            raise SceneError(f"{file}: not an XML file: {error}") from error
+        with reading(file, "XML", SceneError):
+            root = _parsed(file)
         for element in root.iter():
             for key, value in element.attrib.items():
                 element.set(key, self._filled_in(value))
@@ -150,8 +163,13 @@ class _Reader:
         names = sorted({*self.given, *self.parameters}, key=len, reverse=True)
         if not names:
             return value
-        known = "|".join(map(re.escape, names))
-        return re.sub(rf"\$({known})", lambda m: self._value(m[1], m[0]), value)
+        parameter = re.compile(rf"\$({'|'.join(map(re.escape, names))})")
+        if sum(len(self._value(m[1], m[0])) for m in parameter.finditer(value)) > _MAX_CHARACTERS:
+            raise SceneError(
+                f"{self.open[-1]}: found {value[:60]!r}, expected at most {_MAX_CHARACTERS} "
+                "characters with the values of its parameters"
+            )
+        return parameter.sub(lambda m: self._value(m[1], m[0]), value)
 
     def _value(self, name: str, unchanged: str) -> str:
         return unchanged if name in self.given else self.parameters.get(name, unchanged)

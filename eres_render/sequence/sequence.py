@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from eres_render.camera import Camera
 from eres_render.cores import cores
-from eres_render.errors import RenderError, SequenceError, TrajectoryError
+from eres_render.errors import RenderError, SequenceError, reading
 from eres_render.sequence.manifest import Manifest, read_manifest, write_manifest
 from eres_render.storage.atomic import make_folder, remove_unfinished, write_text
 from eres_render.storage.checksums import FILE_NAME, append_sum, read_sums, sha256, write_sums
@@ -258,12 +258,11 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
         If a file is missing or damaged, or they contradict each other or the manifest.
     """
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
-    try:
+    with reading(poses_file, "text", SequenceError):
         t_s, T_world_cam = read_tum(poses_file, manifest.t_offset_us)
+    with reading(path_file, "text", SequenceError):
         controls = read_tum(path_file, manifest.t_offset_us)
         trajectory = Trajectory(*controls, manifest.t_offset_us)
-    except TrajectoryError as error:
-        raise SequenceError(str(error)) from error
     if not np.array_equal(t_s, manifest.t_s):
         raise SequenceError(
             f"{poses_file}: found {len(t_s)} poses whose times are not those of the "
@@ -394,10 +393,8 @@ def _read_frame(
         intact = sha256(path) == checksums.get(_frame_name(i))
     except OSError:
         intact = False  # `read_luminance` says why
-    try:
+    with reading(path, "OpenEXR", SequenceError):
         radiance = read_luminance(path, intact=intact)
-    except RenderError as error:
-        raise SequenceError(str(error)) from error
     if radiance.shape != (manifest.height, manifest.width):
         raise SequenceError(
             f"{path}: found {radiance.shape[1]}x{radiance.shape[0]} pixels, expected "

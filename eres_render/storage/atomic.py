@@ -186,6 +186,11 @@ def write_bytes(path: Path, data: bytes | memoryview, *, overwrite: bool = True)
         made.write_bytes(data)
 
 
+def encoded(text: str) -> bytes:
+    """Return a text in UTF-8; lone surrogates, as of names of other encodings, become escapes."""
+    return text.encode(errors="backslashreplace")
+
+
 def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:
     """Write a text file in UTF-8; see `write_bytes`.
 
@@ -203,4 +208,4 @@ def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:
     RenderError
         If the file cannot be written.
     """
-    write_bytes(path, text.encode(), overwrite=overwrite)
+    write_bytes(path, encoded(text), overwrite=overwrite)

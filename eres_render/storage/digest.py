@@ -45,7 +45,7 @@ def _encoded(value: object) -> bytes:
     if value is None or isinstance(value, bool):
         return _tagged(str(value), b"")
     if isinstance(value, str):
-        return _tagged("text", value.encode())
+        return _tagged("text", value.encode(errors="surrogatepass"))
     if isinstance(value, float) and not value.is_integer():
         return _tagged("number", value.hex().encode())
     if isinstance(value, int | float):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from eres_render.errors import nearest
+from eres_render.errors import nearest, reading
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
@@ -20,6 +20,7 @@ FloatOrInf = Annotated[float, "inf"]
 """A number or inf, also as text ("inf"), because JSON has no such number."""
 
 _OLD_NAMES = "old names"
+_MOST_NESTED = 100
 _NAMES: dict[Any, str] = {
     float: "a number",
     FloatOrInf: "a number or inf",
@@ -75,7 +76,7 @@ def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
     -------
     The content as the given type.
     """
-    return read_typed(kind, _parsed(file, tomllib.loads, "TOML", error), file, error)
+    return _read(kind, file, tomllib.loads, "TOML", error)
 
 
 def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
@@ -94,18 +95,36 @@ def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
     -------
     The content as the given type.
     """
-    return read_typed(kind, _parsed(file, json.loads, "JSON", error), file, error)
+    return _read(kind, file, json.loads, "JSON", error)
 
 
-def _parsed(file: Path, parse: Callable[[str], Any], name: str, error: type[ValueError]) -> Any:
-    try:
-        return parse(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise error(f"{file}: no such file") from None
-    except OSError as reason:
-        raise error(f"{file}: cannot be read: {reason.strerror}") from reason
-    except (ValueError, RecursionError) as reason:  # of the parser, or of the decoder
-        raise error(f"{file}: not {name}: {reason}") from None
+def _read(
+    kind: type[T], file: Path, parse: Callable[[str], Any], name: str, error: type[ValueError]
+) -> T:
+    with reading(file, name, error):
+        found = parse(file.read_text(encoding="utf-8"))
+        check_nesting(found)
+        return read_typed(kind, found, file, error)
+
+
+def check_nesting(found: Any) -> None:
+    """Refuse a parsed value that is nested so deep that it could not be printed or compared.
+
+    Raises
+    ------
+    RecursionError
+        There are more than 100 levels.
+    """
+    level, depth = [found], 0
+    while level := [
+        inner
+        for one in level
+        if isinstance(one, dict | list)
+        for inner in (one.values() if isinstance(one, dict) else one)
+    ]:
+        depth += 1
+        if depth > _MOST_NESTED:
+            raise RecursionError
 
 
 def read_typed(
@@ -152,7 +171,7 @@ def read_typed(
         values = _fields(kind, found, file, error, prefix)
         try:
             return kind(**values)
-        except ValueError as reason:
+        except Exception as reason:  # numbers of a file may raise anything in a constructor
             raise refuse(str(reason)) from reason
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is dict and isinstance(found, dict):
@@ -163,10 +182,10 @@ def read_typed(
         result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(found))
     elif typing.get_origin(kind) is typing.Literal and found in arguments:
         result = found
-    elif kind is float and type(found) in (int, float) and math.isfinite(_number(found)):
+    elif kind is float and type(found) in (int, float) and math.isfinite(number(found)):
         result = float(found)
-    elif kind == FloatOrInf and not math.isnan(number := _number(found)):
-        result = number
+    elif kind == FloatOrInf and not math.isnan(value := number(found)):
+        result = value
     elif kind is not float and type(found) is kind:
         result = found
     else:
@@ -229,7 +248,7 @@ def _member(union: Any, found: Any, refuse: Callable[[str], ValueError]) -> Any:
     return by_word[kind]
 
 
-def _number(found: Any) -> float:
+def number(found: Any) -> float:
     """Return the number, which may be inf, or NaN if the value is not a number, or too large."""
     try:
         return float(found) if type(found) in (int, float, str) else math.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Context, Decimal
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eres_render.errors import TrajectoryError
+from eres_render.errors import TrajectoryError, reading
 
 Float64 = NDArray[np.float64]
 
+_MAX_TIME_S = 4 * 10**12  # microseconds must fit into 62 bits
 _EXACT = Context(prec=1000)  # digits, more than a float64 has
 
 
@@ -110,12 +112,8 @@ def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
 
 def _read(path: Path) -> tuple[list[Decimal], Float64]:
     """Read a TUM file into exact times and (N, 4, 4) poses."""
-    try:
+    with reading(path, "text", TrajectoryError):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise TrajectoryError(f"{path}: not a text file: {error.reason}") from error
     times: list[Decimal] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
@@ -129,10 +127,15 @@ def _read(path: Path) -> tuple[list[Decimal], Float64]:
             raise TrajectoryError(
                 f"{path}: line {number}: found {line!r}, expected 8 numbers t x y z qx qy qz qw"
             )
-        if abs(np.linalg.norm(row[4:]) - 1) > 1e-3:
+        if abs(math.hypot(*row[4:]) - 1) > 1e-3:
             raise TrajectoryError(
-                f"{path}: line {number}: found a quaternion of length "
-                f"{np.linalg.norm(row[4:]):.4g}, expected 1"
+                f"{path}: line {number}: found a quaternion of length {math.hypot(*row[4:]):.4g}, "
+                "expected 1"
+            )
+        if abs(row[0]) >= _MAX_TIME_S:
+            raise TrajectoryError(
+                f"{path}: line {number}: found time {row[0]!r}, expected less than {_MAX_TIME_S} s "
+                "from 0"
             )
         time = Decimal(line.split()[0])
         if times and not time > times[-1]:

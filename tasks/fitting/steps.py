@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from sensor.errors import EventError
 from sensor.formats import read_triggers
 from tasks.errors import TaskError
@@ -45,12 +46,10 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
         except EventError as error:
             raise TaskError(f"{recording}: {error}, as in --steps {TRIGGERS}:1") from None
     file = Path(where)
-    try:
+    if not file.exists():
+        raise TaskError(f"{file}: no such file, expected times in us, or `triggers`")
+    with reading(file, "text", TaskError):
         lines = file.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise TaskError(f"{file}: no such file, expected times in us, or `triggers`") from None
-    except UnicodeDecodeError:
-        raise TaskError(f"{file}: found bytes that are not text, expected times in us") from None
     times = []
     for k, line in enumerate(lines, start=1):
         text = line.partition("#")[0].strip()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from decimal import Decimal
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+from eres_render.errors import reading
 from eres_render.storage.exr import find_layer, read_luminance
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
@@ -26,7 +26,7 @@ _TIMES = "timestamps.txt"
 _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
-_WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 256, 257, 258, 262, 338  # of TIFF
+_BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 258, 262, 338  # of TIFF
 _SUBFILE, _REDUCED_OR_MASK = 254, 0b101
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
@@ -93,12 +93,13 @@ def has_transparency(file: Path, layer: str | None = None) -> bool:
     bool
     """
     kind = _KINDS[file.suffix.lower()]
-    if kind == "tiff":
-        return bool(_tiff_tags(file).get(_EXTRA_SAMPLES))
-    if kind == "exr":
-        return find_layer(file, layer).has_alpha
-    data = file.read_bytes()
-    return kind == "png" and (data[25:26] in (b"\x04", b"\x06") or b"tRNS" in _png_chunks(data))
+    with reading(file, "an image", TaskError):
+        if kind == "tiff":
+            return bool(_tiff_tags(file).get(_EXTRA_SAMPLES))
+        if kind == "exr":
+            return find_layer(file, layer).has_alpha
+        data = file.read_bytes()
+        return kind == "png" and (data[25:26] in (b"\x04", b"\x06") or b"tRNS" in _png_chunks(data))
 
 
 def _png_chunks(data: bytes) -> Iterator[bytes]:
@@ -112,7 +113,7 @@ def _png_chunks(data: bytes) -> Iterator[bytes]:
 def _tiff_tags(file: Path, page: int = 0) -> ImageFileDirectory_v2:
     """Return the tags of an image of a TIFF file; none if it has no such image, or is no TIFF."""
     tags = ImageFileDirectory_v2()
-    with file.open("rb") as data, suppress(SyntaxError, struct.error):
+    with file.open("rb") as data, suppress(Exception):  # OpenCV decides whether it is one
         head = data.read(8)
         tags = ImageFileDirectory_v2(head + data.read(8) if head[2:3] == _BIG_TIFF else head)
         for _ in range(page + 1):
@@ -195,12 +196,8 @@ def _check_complete(files: list[Path]) -> None:
 
 
 def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
-    try:
+    with reading(file, "text", TaskError):
         lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise TaskError(
-            f"{file}: found bytes that are not text, expected one time per line"
-        ) from error
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
     if stated and time_unit and stated[1] != time_unit:
         raise TaskError(f"{file}: found {option} {time_unit}, expected {stated[1]}, as it states")
@@ -251,7 +248,8 @@ def read_images(files: list[Path], layer: str | None = None) -> Iterator[NDArray
     kind = ""
     corner: tuple[int, int] | None = None
     for file in files:
-        image = _read(file, layer)
+        with reading(file, "an image", TaskError):
+            image = _read(file, layer)
         shape, kind = shape or image.shape[:2], kind or image.dtype.kind
         check_size(image, shape, file, f"as in {files[0].name}")
         if image.dtype.kind != kind:
@@ -325,18 +323,9 @@ def _is_straight(file: Path) -> bool:
     return tags.get(_EXTRA_SAMPLES) == (2,) and set(tags.get(_BITS_PER_SAMPLE, ())) == {8}
 
 
-def _read_straight(file: Path) -> NDArray[np.uint8] | None:
-    """Return blue, green and red as stored, or gray; None if the file is damaged."""
-    try:
-        # From memory: Pillow maps files whose image is turned with the wrong sides.
-        with Image.open(io.BytesIO(file.read_bytes())) as opened:
-            image = np.asarray(ImageOps.exif_transpose(opened))
-    except Image.DecompressionBombError:
-        tags = _tiff_tags(file)
-        raise TaskError(
-            f"{file}: found {tags.get(_WIDTH)}x{tags.get(_HEIGHT)} px with alpha, expected at most "
-            f"{2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels"
-        ) from None
-    except (OSError, SyntaxError):
-        return None
+def _read_straight(file: Path) -> NDArray[np.uint8]:
+    """Return blue, green and red as stored, or gray."""
+    # From memory: Pillow maps files whose image is turned with the wrong sides.
+    with Image.open(io.BytesIO(file.read_bytes())) as opened:
+        image = np.asarray(ImageOps.exif_transpose(opened))
     return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from tasks.errors import TaskError
 from tasks.footage.frame_size import check_size
 
@@ -32,20 +33,20 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
     from av.sidedata.sidedata import Type
 
     Type._missing_ = classmethod(_unnamed)  # type: ignore[method-assign, assignment]
-    try:
+    with (
+        reading(path, "a video", TaskError),
         # An absolute path, as FFmpeg takes what is before a colon for a protocol.
-        with av.open(str(path.absolute())) as container:
-            if not container.streams.video:
-                raise TaskError(f"{path}: found no video in it")
-            stream = container.streams.video[0]
-            if stream.codec_context is None:
-                raise TaskError(f"{path}: found a codec that this build of FFmpeg lacks")
-            if stream.codec_context.format is None:
-                raise TaskError(f"{path}: found pixels that this build of FFmpeg cannot decode")
-            stream.thread_type = "AUTO"
-            yield container, stream
-    except av.FFmpegError as error:
-        raise TaskError(f"{path}: cannot be read as a video: {error.strerror or error}") from error
+        av.open(str(path.absolute()), metadata_errors="replace") as container,
+    ):
+        if not container.streams.video:
+            raise TaskError(f"{path}: found no video in it")
+        stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise TaskError(f"{path}: found a codec that this build of FFmpeg lacks")
+        if stream.codec_context.format is None:
+            raise TaskError(f"{path}: found pixels that this build of FFmpeg cannot decode")
+        stream.thread_type = "AUTO"
+        yield container, stream
 
 
 def times_ns(path: Path, fps: float | None) -> list[int]:

@@ -13,7 +13,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from eres_render.errors import reading
 from eres_render.storage.atomic import write_bytes
+from sensor.growth import check_growth
 from tasks.errors import WeightsError
 
 _SHOWN = 4  # names that a message lists
@@ -58,36 +60,33 @@ def read_checkpoint(file: Path) -> Any:
     WeightsError
         The file is missing, damaged, not a checkpoint, or holds other classes.
     """
-    try:
-        found = torch.load(file, map_location="cpu", weights_only=True)
-        damaged = _damaged(file)
-    except OSError as error:
-        raise WeightsError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except pickle.UnpicklingError as error:
-        if classes := re.findall(r"GLOBAL ([\w.]+)", str(error)):
+    with reading(file, "a PyTorch checkpoint", WeightsError):
+        _check_entries(file)
+        try:
+            return torch.load(file, map_location="cpu", weights_only=True)
+        except pickle.UnpicklingError as error:
+            if not (classes := re.findall(r"GLOBAL ([\w.]+)", str(error))):
+                raise
             raise WeightsError(
                 f"{file}: found a pickle of {_listed(dict.fromkeys(classes))}, which could run "
                 "code, expected tensors and plain values. If you trust the file, load it with the "
                 "program that wrote it, and save only its weights and options"
             ) from None
-        raise WeightsError(f"{file}: not a PyTorch checkpoint") from None
-    except Exception as error:  # PyTorch's unpickler raises whatever the bytes lead it to
-        reason = str(error).partition("\n")[0][:200] or type(error).__name__
-        raise WeightsError(f"{file}: not a complete PyTorch checkpoint: {reason}") from None
-    if damaged is not None:
-        raise WeightsError(f"{file}: damaged: {damaged} differs from its checksum")
-    return found
 
 
-def _damaged(file: Path) -> str | None:
-    """Return the first damaged entry of a zip file; PyTorch does not check them.
+def _check_entries(file: Path) -> None:
+    """Refuse damaged entries of a zip file; PyTorch does not check them.
 
     Files of PyTorch before 1.6 are no zip files and have no checksums.
     """
     if not zipfile.is_zipfile(file):
-        return None
+        return
     with zipfile.ZipFile(file) as entries:
-        return entries.testzip()
+        for one in entries.infolist():
+            check_growth(one.file_size, one.compress_size)
+        damaged = entries.testzip()
+    if damaged is not None:
+        raise WeightsError(f"{file}: damaged: {damaged} differs from its checksum")
 
 
 def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:

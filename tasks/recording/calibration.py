@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from tasks.errors import TaskError
 
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -58,7 +59,8 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     TaskError
         The file is not such a line, or the numbers do not fit a sensor of this size.
     """
-    text = path.read_text(encoding="utf-8", errors="replace").split()
+    with reading(path, "text", TaskError):
+        text = path.read_text(encoding="utf-8", errors="replace").split()
     try:
         numbers = np.array([float(word) for word in text])
     except ValueError:

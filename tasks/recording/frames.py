@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
 from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
@@ -196,7 +197,8 @@ def open_frames(
                 f"{folder}: found no times of frames, expected {FILE_NAME} ({','.join(COLUMNS)}), "
                 "images.txt or timestamps.txt"
             )
-        text = source.read_text(encoding="utf-8-sig", errors="replace")
+        with reading(source, "text", TaskError):
+            text = source.read_text(encoding="utf-8-sig", errors="replace")
         if time_unit is None and not text.startswith("#"):
             raise _unknown_unit(source, None)
         files = list_images(folder)
@@ -245,7 +247,8 @@ def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[in
     if time_unit is None or time_unit not in TIME_UNITS:
         raise _unknown_unit(listed, time_unit)
     files, t_us = [], []
-    lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    with reading(listed, "text", TaskError):
+        lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     for k, line in enumerate(lines, start=1):
         text = line.partition("#")[0].strip()
         if not text:

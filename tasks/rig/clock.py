@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from sensor.errors import EventError
 from sensor.formats import Triggers
 from tasks.errors import RigError
@@ -52,10 +53,8 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
         edges.
     """
     columns = read_columns(file, ("slider_us",), optional=("t_us",))
-    try:
+    with reading(file, "numbers", RigError):
         numbers = {name: np.array(texts, np.float64) for name, texts in columns.items()}
-    except ValueError as error:
-        raise RigError(f"{file}: {error}") from None
     slider_us = numbers["slider_us"]
     t_us = numbers.get("t_us")
     if t_us is None:

@@ -14,7 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import reading
 from eres_render.storage.atomic import write_bytes
+from sensor.growth import check_growth
 from tasks.errors import RigError
 from tasks.rig.page import markers
 
@@ -205,14 +207,14 @@ def read_detections(path: Path) -> Detections:
     import pyarrow.parquet as pq
 
     names = ("t_us", "id", "corner", "u_px", "v_px", "score", "source")
-    try:
-        table = pq.read_table(path, columns=list(names))
+    if not path.exists():
+        raise RigError(f"{path}: no such file; `eres rig detect` makes it")
+    with reading(path, "a file of `eres rig detect`", RigError):
+        data = path.read_bytes()
+        file = pq.ParquetFile(pa.BufferReader(data))
+        check_growth(8 * file.metadata.num_rows * file.metadata.num_columns, len(data))
+        table = file.read(columns=list(names))
         columns = {name: table[name].to_numpy() for name in names}
-    except FileNotFoundError:
-        raise RigError(f"{path}: no such file; `eres rig detect` makes it") from None
-    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise RigError(f"{path}: not a file of `eres rig detect`: {reason}") from None
     whole = len(table) % 4 == 0 and np.array_equal(
         columns["corner"], np.tile(np.arange(4), len(table) // 4)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from eres_render.errors import check_positive
+from eres_render.errors import check_positive, reading
 from eres_render.scene.texture_recipes import TextureRecipe
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.settings_reader import read_json
@@ -223,7 +223,8 @@ def _picture(
         light = recipe.make()
     else:
         file = folder / settings.picture
-        codes = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
+        with reading(file, "an image", RigError):
+            codes = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
         if codes is None:
             raise RigError(
                 f"{folder}: picture: found no image {settings.picture!r} beside rig.toml, expected "
@@ -333,7 +334,8 @@ def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
     RigError
         If it cannot be read, or its size is not the page's.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    with reading(path, "an image", RigError):
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise RigError(f"{path}: cannot be read, expected the image that `eres rig page` wrote")
     shape = _dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)

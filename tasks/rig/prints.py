@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera
+from eres_render.errors import reading
 from tasks.errors import RigError
 from tasks.flow import MARGIN_PX, REFERENCE_WIDTH_PX, corners
 from tasks.rig import page as page_files
@@ -174,10 +175,8 @@ def _page_of(folder: Path) -> tuple[Page, NDArray[np.uint8]]:
 def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
     file = folder / slider_files.FILE_NAME
     slider = slider_files.read_slider(file)
-    try:
+    with reading(file, "the way of a slider", RigError):
         return Way.of(cropped, slider, span_of_events(folder), along)
-    except RigError as error:
-        raise RigError(f"{file}: {error}") from None
 
 
 def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) -> Float64:

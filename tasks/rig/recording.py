@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera
+from eres_render.errors import reading
 from sensor import Events
 from sensor.formats import FORMATS, Header, read_events, read_header, read_triggers
 from tasks.errors import RigError, TaskError
@@ -65,7 +66,8 @@ class Frame:
         RigError
             If it cannot be read, or its size is not the camera's.
         """
-        image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
+        with reading(self.file, "an image", RigError):
+            image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
         if image is None:
             raise RigError(f"{self.file}: cannot be read, expected an image")
         if image.shape != (camera.height, camera.width):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eres_render.errors import reading
 from eres_render.storage.atomic import write_text
 from tasks.errors import RigError
 from tasks.rig.settings import SliderSettings
@@ -160,12 +161,10 @@ def read_slider(file: Path) -> Slider:
         If the file cannot be read, a column is missing, or a value is not a number.
     """
     columns = read_columns(file, _COLUMNS)
-    try:
+    with reading(file, "numbers", RigError):
         slider = Slider(*(np.array(columns[name], dtype=np.float64) for name in _COLUMNS))
         slider.check_gaps()
-    except ValueError as error:  # RigError is one, too
-        raise RigError(f"{file}: {error}") from None
-    return slider
+        return slider
 
 
 def write_slider(file: Path, slider: Slider) -> None:
@@ -207,16 +206,14 @@ def read_columns(
     RigError
         If the file cannot be read, or a column is missing or has no value in a line.
     """
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as opened:
-            table = csv.DictReader(opened)
-            found = [name.strip() for name in table.fieldnames or ()]
-            table.fieldnames = found
-            lines = list(table)
-    except OSError as error:
-        raise RigError(f"{file}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RigError(f"{file}: not a CSV file: {error}") from None
+    with (
+        reading(file, "CSV", RigError),
+        file.open(newline="", encoding="utf-8-sig") as opened,
+    ):
+        table = csv.DictReader(opened)
+        found = [name.strip() for name in table.fieldnames or ()]
+        table.fieldnames = found
+        lines = list(table)
     names = (*names, *(name for name in optional if name in found))
     for name in names:
         if name not in found:

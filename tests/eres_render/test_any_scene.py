@@ -147,7 +147,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
             r"includes '\$rest', a parameter without a value",
         ),
         ([CAMERA, '<include filename="mine.xml"/>'], r"includes .*mine\.xml, which includes it"),
-        ([CAMERA, "<shape"], r"mine\.xml: not an XML file"),
+        ([CAMERA, "<shape"], r"mine\.xml: could not be read as XML"),
     ],
 )
 def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
@@ -266,7 +266,7 @@ def test_a_parameter_is_the_longest_name_that_fits(tmp_path):
 def test_encodings_that_xml_readers_do_not_know_are_refused(tmp_path, encoding):
     xml = write_scene(tmp_path, CAMERA)
     xml.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{xml.read_text()}')
-    with pytest.raises(SceneError, match=r"mine\.xml: not an XML file: "):
+    with pytest.raises(SceneError, match=r"mine\.xml: could not be read as XML: "):
         load_scene(xml)
 
 

@@ -517,7 +517,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path,
 def test_a_broken_scene_xml_is_named(tmp_path):
     folder = small_carpet_folder(tmp_path / "broken")
     (folder / "scene.xml").write_text('<scene version="3.0.0"><shape type="rectangel"/></scene>')
-    with pytest.raises(SceneError, match=r"scene\.xml: Mitsuba refuses it"):
+    with pytest.raises(SceneError, match=r"scene\.xml: could not be read as a Mitsuba scene"):
         load_mi_scene(load_scene(folder))
 
 

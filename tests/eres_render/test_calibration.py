@@ -147,10 +147,10 @@ def test_kalibr_has_no_k3(tmp_path):
         (OPENCV, "avg_", "distortion_model: equidistant\navg_", "found 'equidistant', expected pl"),
         (OPENCV, "avg_", "fisheye_model: 1\navg_", "fisheye_model: found 1, expected none"),
         (OPENCV, "camera_matrix", "K", "found neither camera_matrix nor cam0"),
-        (OPENCV, "data: [", "data: {", "not YAML: while parsing"),
-        (OPENCV, "!!opencv-matrix", "!!python/object:os.system", "not YAML: could not determine"),
+        (OPENCV, "data: [", "data: {", "could not be read as YAML: while parsing"),
+        (OPENCV, "!!opencv-matrix", "!!python/object:os.system", "as YAML: could not determine"),
         (OPENCV, OPENCV, "3", "found int, expected a table"),
-        (OPENCV, "image_height", "date: 2020-13-45\nimage_height", "not YAML: month must be in 1"),
+        (OPENCV, "image_height", "date: 2020-13-45\nimage_height", "as YAML: month must be in 1"),
     ],
 )
 def test_other_models_and_damaged_files_are_refused(tmp_path, text, old, new, message):

@@ -75,7 +75,7 @@ def test_a_folder_is_a_scene_too(tmp_path):
             "min_clearance_m = 0.001",
             r"path\.min_clearance_m: found 0\.001, expected at least 0\.005 m",
         ),
-        ("[bake]", "[bake", "not TOML"),
+        ("[bake]", "[bake", "could not be read as TOML"),
     ],
 )
 def test_each_wrong_field_is_named_with_what_was_found_and_expected(tmp_path, old, new, message):

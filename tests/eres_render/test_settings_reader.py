@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from eres_render.errors import RenderError
 from eres_render.storage.settings_reader import FloatOrInf, formerly, read_json, read_toml
 
 
@@ -64,13 +65,13 @@ def test_a_number_or_inf_is_nothing_else(tmp_path, said):
 
 def test_files_that_cannot_be_read_are_named(tmp_path):
     file = tmp_path / "lamp.json"
-    with pytest.raises(ValueError, match=r"lamp\.json: no such file"):
-        read_json(Lamp, file, ValueError)
-    with pytest.raises(ValueError, match=r": cannot be read: Is a directory"):
-        read_json(Lamp, tmp_path, ValueError)
+    with pytest.raises(RenderError, match=r"lamp\.json: no such file"):
+        read_json(Lamp, file, RenderError)
+    with pytest.raises(RenderError, match=r": cannot be read: Is a directory"):
+        read_json(Lamp, tmp_path, RenderError)
     file.write_bytes(b"\xff")
-    with pytest.raises(ValueError, match=r"lamp\.json: not JSON: 'utf-8' codec"):
-        read_json(Lamp, file, ValueError)
+    with pytest.raises(RenderError, match=r"lamp\.json: could not be read as JSON: 'utf-8' codec"):
+        read_json(Lamp, file, RenderError)
     file.write_text("[]")
-    with pytest.raises(ValueError, match=r"lamp\.json: found \[\], expected a table"):
-        read_json(Lamp, file, ValueError)
+    with pytest.raises(RenderError, match=r"lamp\.json: found \[\], expected a table"):
+        read_json(Lamp, file, RenderError)

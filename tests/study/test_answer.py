@@ -134,11 +134,11 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
         with pytest.raises(SystemExit, match=re.escape(f"error: {page}: {fault}")):
             main([str(tmp_path), str(page)])
         assert page.read_text() == content
-    with pytest.raises(SystemExit, match=r"error: .*missing\.md: no such file, expected a Mark"):
+    with pytest.raises(SystemExit, match=r"error: .*missing\.md: no such file"):
         main([str(tmp_path), str(tmp_path / "missing.md")])
     for path, fault in ((tmp_path, "Is a directory"), (tmp_path / "page.bin", "can't decode")):
         (tmp_path / "page.bin").write_bytes(b"\xff\xfe")
-        with pytest.raises(SystemExit, match=f"error: {path}: found no text, .*{fault}"):
+        with pytest.raises(SystemExit, match=f"error: {path}: .*{fault}"):
             main([str(tmp_path), str(path)])
     with pytest.raises(SystemExit, match=r"error: .*rows\.parquet"):
         main([str(tmp_path / "none"), str(page)])

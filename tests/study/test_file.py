@@ -142,7 +142,7 @@ def test_old_words_are_read(tmp_path):
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [1]\nilluminance_lux = [1]',
             r"found both",
         ),
-        ("scenes = [", r"mine.toml: not TOML"),
+        ("scenes = [", r"mine.toml: could not be read as TOML"),
         (
             'scenes = ["carpet"]\n[evaluate.reconstruction]\nupsampling = "cubic"',
             r"evaluate.reconstruction.upsampling: found 'cubic', expected 'nearest' or 'bilinear' "

@@ -404,7 +404,7 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"\[0\]\.caption: missing"):
         write_report(tmp_path)
     (tmp_path / "study.json").write_text("{")
-    with pytest.raises(ResultError, match=r"study\.json: not JSON"):
+    with pytest.raises(ResultError, match=r"study\.json: could not be read as JSON"):
         write_report(tmp_path)
 
 

@@ -539,7 +539,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     caplog.set_level(logging.WARNING)
     assert run_study(tiny_study(scene_folder), tmp_path / "run") == rows
     damaged, unused = warnings_of_tasks(caplog)
-    assert damaged.startswith(f"{first}: not a complete Parquet file")
+    assert damaged.startswith(f"{first}: could not be read as a Parquet file")
     assert damaged.endswith("; the job is computed again")
     assert unused.endswith("1 job of another study or version is not used")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
@@ -574,7 +574,7 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert compute_one_again("{") == here
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
-    assert not_json.startswith(f"{file}: not JSON: Expecting property name")
+    assert not_json.startswith(f"{file}: could not be read as JSON: Expecting property name")
     assert not_json.endswith("; the provenance of the finished jobs is lost")
     assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 

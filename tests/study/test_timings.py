@@ -60,7 +60,7 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
     """Promise: the error for invalid JSON or other fields names the file."""
     file = tmp_path / "job.json"
     file.write_text("{")
-    with pytest.raises(ResultError, match=r"job\.json: not JSON"):
+    with pytest.raises(ResultError, match=r"job\.json: could not be read as JSON"):
         read_timings(tmp_path)
     file.write_bytes(timings_file(JOB).replace(b'"estimates"', b'"fits"'))
     with pytest.raises(ResultError, match=r"job\.json: methods\[0\]\.fits: unknown"):

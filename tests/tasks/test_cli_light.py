@@ -226,7 +226,7 @@ BAD_SCENES = [
         [CAMERA, '<texture type="bitmap"><string name="filename" value="gone.png"/></texture>'],
         "gone.png is missing",
     ),
-    ([CAMERA, '<shape type="sphre"/>'], "Mitsuba refuses it"),
+    ([CAMERA, '<shape type="sphre"/>'], "could not be read as a Mitsuba scene"),
     ([CAMERA, SCENE.partition("\n")[2]], "mine.xml: found no light (white, the 99.9th percentile"),
 ]
 BAD_POSES = [
@@ -238,7 +238,7 @@ BAD_POSES = [
     ("hello\n", "line 1: found 'hello', expected 8 numbers"),
     ("0 3 0 0 0 0 0 1\n", "found 1, expected two or more poses"),
     ("", "found no pose"),
-    (b"\x92\xff\x00", "poses.txt: not a text file"),
+    (b"\x92\xff\x00", "poses.txt: could not be read as text"),
 ]
 BAD_NUMBERS = [
     (("--spp", "0"), "spp: found 0, expected a square"),

@@ -178,7 +178,7 @@ def test_colors_of_a_tiff_are_those_beside_its_alpha(tmp_path, caplog, mode):
     assert "transparency is left out" in caplog.text
     file = tmp_path / "1.tif"
     file.write_bytes(file.read_bytes()[:600])
-    with pytest.raises(TaskError, match=r"1.tif: found 600 bytes that are not a complete TIFF"):
+    with pytest.raises(TaskError, match=r"1.tif: could not be read as an image: .* truncated"):
         list(footage)
 
 
@@ -232,7 +232,7 @@ def test_damaged_tiffs_are_named(tmp_path):
         assert at > 0
         data[at : at + 12] = struct.pack("<HHII", tag, 4, 1, 200_000)
     (tmp_path / "0.tif").write_bytes(data)
-    with pytest.raises(TaskError, match=r"0.tif: found 200000x200000 px with alpha, expected"):
+    with pytest.raises(TaskError, match=r"0.tif: could not be read .*40000000000 pixels"):
         next(read_images([tmp_path / "0.tif"]))
 
 
@@ -871,7 +871,7 @@ def test_videos_are_checked(tmp_path):
     """Promise: errors name files that are no video or truncated, and options that do not apply."""
     text = tmp_path / "a.mp4"
     text.write_text("this is no video")
-    with pytest.raises(TaskError, match=r"a.mp4: cannot be read as a video"):
+    with pytest.raises(TaskError, match=r"a.mp4: could not be read as a video"):
         open_footage(text)
     planes = np.random.default_rng(0).integers(0, 255, (20, 3, 64, 64), np.uint8)
     video = write_video(tmp_path / "b.mkv", planes)

@@ -79,7 +79,7 @@ def test_damage_is_named(rows, file):
     rng = random.Random(5)
     for size in [0, 1, len(whole) - 1, *rng.sample(range(len(whole)), 80)]:
         file.write_bytes(whole[:size])
-        with pytest.raises(ResultError, match=r"rows\.parquet: not a complete Parquet file"):
+        with pytest.raises(ResultError, match=r"rows\.parquet: could not be read as a Parquet"):
             read_rows(file)
     refused = 0
     for where in rng.sample(range(len(whole)), 240):

@@ -306,11 +306,11 @@ def test_damaged_weights_are_no_finished_training(run, tmp_path):
     folder = tmp_path / "training"
     shutil.copytree(run[0], folder)
     (folder / "weights.pt").write_bytes(b"")
-    with pytest.raises(WeightsError, match=r"weights.pt: not a complete PyTorch checkpoint"):
+    with pytest.raises(WeightsError, match=r"weights.pt: could not be read as a PyTorch"):
         trained(folder)
     (folder / "weights.pt").unlink()
     torch.save(torch.zeros(3), folder / "checkpoint.pt")
-    with pytest.raises(TrainingError, match=r"checkpoint.pt: not a checkpoint of this training"):
+    with pytest.raises(TrainingError, match=r"checkpoint.pt: could not be read as the checkpoint"):
         trained(folder)
 
 
@@ -382,29 +382,29 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
     with pytest.raises(TrainingError, match="base_channels: found 4, expected 8"):
         trained(folder, settings=replace(TINY, base_channels=8))
     (tmp_path / "training.json").write_text("{")
-    with pytest.raises(TrainingError, match="missing or damaged"):
+    with pytest.raises(TrainingError, match="could not be read as JSON"):
         trained(tmp_path)
     half = tmp_path / "half"
     half.mkdir()
     for name in ("training.json", "checkpoint.pt"):
         (half / name).write_bytes((folder / name).read_bytes())
     (half / "checkpoint.pt").write_bytes((folder / "checkpoint.pt").read_bytes()[:-100])
-    with pytest.raises(WeightsError, match="not a complete PyTorch checkpoint"):
+    with pytest.raises(WeightsError, match="could not be read as a PyTorch checkpoint"):
         trained(half)
     torch.save({"step": 1}, half / "checkpoint.pt")
-    with pytest.raises(TrainingError, match="not a checkpoint of this training"):
+    with pytest.raises(TrainingError, match="could not be read as the checkpoint"):
         trained(half)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("scores.json", '{"score": ', "not JSON"),
+        ("scores.json", '{"score": ', "could not be read as JSON"),
         ("scores.json", "{}", "score: missing, expected a string"),
         ("scores.json", {"scores": {"ideal": [1.0]}}, "scores.ideal: found 1 numbers, expected 3"),
         ("scores.json", {"scores": {}}, "scores: found none"),
         ("training.json", {"settings": {}}, "settings.task: missing"),
-        ("training.json", {"settings": []}, "damaged, expected settings and made_with"),
+        ("training.json", {"settings": []}, "settings: missing, expected it of"),
     ],
 )
 def test_damaged_files_of_a_finished_training_are_named(run, name, content, said, eres, tmp_path):

@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from eres_render.errors import reading
 from tasks.errors import TrainingError
 from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.training.run_folder import CHECKPOINT_FILE, Row
@@ -90,12 +91,8 @@ def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Opt
     if not file.exists():
         return Progress()
     found = read_checkpoint(file)
-    try:
+    kind = "the checkpoint of this training (delete it to start again)"
+    with reading(file, kind, TrainingError):
         network.load_state_dict(found["network"])
         optimizer.load_state_dict(found["optimizer"])
         return Progress(found["step"], found["seconds"], found["curve"], found["losses"])
-    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
-        raise TrainingError(
-            f"{file}: not a checkpoint of this training ({str(error).splitlines()[0]}); delete it "
-            "to start again"
-        ) from None

@@ -159,13 +159,12 @@ def read_description(folder: Path) -> dict[str, Any]:
         The folder is not that of a training, or the file is damaged.
     """
     file = folder / SETTINGS_FILE
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise TrainingError(f"{file}: missing or damaged, expected a training's folder") from None
+    if not file.exists():
+        raise TrainingError(f"{file}: no such file, expected a training's folder")
+    found = read_json(dict[str, Any], file, TrainingError)
     for name in ("settings", "made_with"):
-        if not isinstance(found, dict) or not isinstance(found.get(name), dict):
-            raise TrainingError(f"{file}: damaged, expected settings and made_with")
+        if not isinstance(found.get(name), dict):
+            raise TrainingError(f"{file}: {name}: missing, expected it of a training")
     for name in ("task", "light", "seed"):
         if name not in found["settings"]:
             raise TrainingError(f"{file}: settings.{name}: missing, expected it of a training")

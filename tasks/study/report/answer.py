@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
-from eres_render.errors import RenderError
-from eres_render.storage.atomic import write_bytes
+from eres_render.errors import RenderError, reading
+from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
@@ -315,12 +315,8 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
         The page cannot be read, has no such comments, or one of them names none of `answers`.
     """
     expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
-    try:
+    with reading(page, "a Markdown page", ResultError):
         text = page.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ResultError(f"{page}: no such file, expected a Markdown page") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ResultError(f"{page}: found no text, expected a Markdown page: {error}") from None
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
         raise ResultError(
             f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"
@@ -339,7 +335,7 @@ def main(arguments: Sequence[str]) -> None:
     try:
         answers = answers_of(run_dir)
         for page in pages:
-            write_bytes(page, with_answers(page, answers).encode())
+            write_text(page, with_answers(page, answers))
     except (TaskError, RenderError) as error:
         sys.exit(f"error: {error}")
 

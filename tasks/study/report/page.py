@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jinja2 import Template
 
-from eres_render.storage.atomic import write_bytes
+from eres_render.storage.atomic import encoded, write_bytes, write_text
 from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
 from tasks.registry import TASKS
@@ -115,7 +115,7 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     collected = [(section, section.data(run)) for section in sections]
     shown = [(section, data) for section, data in collected if data is not None]
     template = TEMPLATES.get_template("page.html")
-    page = template.render(colors=COLORS, run=run, sections=shown).encode()
+    page = encoded(template.render(colors=COLORS, run=run, sections=shown))
     if len(page) > MAX_BYTES:
         raise ResultError(
             f"{run.folder}: found {len(page) / 1e6:.1f} MB of report, expected at most "
@@ -124,7 +124,7 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     others = {f"tables_{name}": found for name, found in run.others.items()}
     for name, found in {"tables": run.found, **others}.items():
         tables = [comparison_table(one, series) for one in found for series in one.series()]
-        write_bytes(run.folder / f"{name}.csv", to_csv(tables).encode())
+        write_text(run.folder / f"{name}.csv", to_csv(tables))
     for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     figures = run.folder / "figures"

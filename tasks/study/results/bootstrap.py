@@ -79,7 +79,7 @@ def effective_samples(
 @lru_cache(maxsize=64)
 def _counts(seed: str, things: int) -> NDArray[np.int64]:
     """Return how often each draw contains each of some things, (DRAWS, things)."""
-    rng = np.random.default_rng([zlib.crc32(seed.encode()), things])
+    rng = np.random.default_rng([zlib.crc32(seed.encode(errors="surrogatepass")), things])
     drawn = rng.integers(things, size=(DRAWS, things))
     counts = np.zeros((DRAWS, things), np.int64)
     np.add.at(counts, (np.arange(DRAWS)[:, None], drawn), 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import StudyError
 from tasks.provenance import command, environment
 
@@ -23,11 +24,7 @@ def check_recorded(out: Path) -> None:
     file = out / "study.json"
     if not file.exists():
         return
-    try:
-        found = json.loads(file.read_bytes())
-    except ValueError:
-        found = None
-    if not isinstance(found, dict) or "recorded" not in found:
+    if "recorded" not in read_json(dict[str, Any], file, StudyError):
         raise StudyError(
             f"{file}: found no list of recordings, as of a rendered study, expected another --out"
         )

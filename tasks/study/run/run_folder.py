@@ -143,7 +143,9 @@ class RunFolder:
         """
         files = [self._previews_of(name) for name in self._first]
         if there := [file for file in files if file.exists()]:
-            listed = chain.from_iterable(json.loads(file.read_bytes()) for file in there)
+            listed = chain.from_iterable(
+                read_json(tuple[dict[str, Any], ...], file, ResultError) for file in there
+            )
             found = [one for one in listed if (self._index.parent / one["file"]).exists()]
             self._write(f"previews/{INDEX_NAME}", found)
         else:  # they may be deleted

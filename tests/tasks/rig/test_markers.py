@@ -111,7 +111,7 @@ def test_files_keep_every_digit(tmp_path):
         assert np.array_equal(getattr(back, name), getattr(found, name)), name
     assert back.source == "hf"
     file.write_bytes(file.read_bytes()[:-10])
-    with pytest.raises(RigError, match="not a file of `eres rig detect`"):
+    with pytest.raises(RigError, match="a file of `eres rig detect`"):
         read_detections(file)
     with pytest.raises(RigError, match="no such file"):
         read_detections(tmp_path / "none.parquet")
