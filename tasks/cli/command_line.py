@@ -6,6 +6,7 @@ import io
 import logging
 import os
 import sys
+import warnings
 from importlib.metadata import version
 from types import ModuleType
 
@@ -77,6 +78,9 @@ def run() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")  # names of files may not be UTF-8
+    # What libraries would print of a damaged image beside its error.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    warnings.filterwarnings("ignore", category=UserWarning, module="PIL")
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
     try:
@@ -117,5 +121,6 @@ def _version() -> str:
 
 
 def _fail(text: str, code: int = 1) -> None:
-    terminal.err.print(Text("error:", "red"), text, soft_wrap=True, highlight=False)
+    line = text.replace("\n", r"\n")  # of names in files
+    terminal.err.print(Text("error:", "red"), line, soft_wrap=True, highlight=False)
     sys.exit(code)
