@@ -4,6 +4,7 @@ import fcntl
 import gc
 import hashlib
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -26,6 +27,11 @@ def compiled_folder():
                 kernels.update(code)
     return ROOT / "build" / "numba" / kernels.hexdigest()[:12]
 
+
+# Ignored where the tests run in the background or under `nohup`; tests send them.
+for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    if signal.getsignal(getattr(signal, _name)) == signal.SIG_IGN:
+        signal.signal(getattr(signal, _name), _handler)
 
 os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
 # Read when NumPy is imported: the small problems of tests are slower on several threads, and two

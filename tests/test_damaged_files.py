@@ -20,7 +20,7 @@ from eres_render.camera import Camera
 from eres_render.scene.ply import check_faces
 from eres_render.sequence.manifest import FORMAT_VERSION, Manifest
 from eres_render.sequence.sequence import SequenceWriter
-from eres_render.storage.exr import read_channels, write_channels
+from eres_render.storage.exr import read_luminance, write_channels
 from eres_render.trajectory.tum import tum_text
 from event_streams import random_events
 from light_scenes import room_folder
@@ -379,7 +379,7 @@ READERS = {
     "knots": (sequence("path.txt"), whole_sequence),
     "frame": (sequence("frames/000001.exr"), whole_sequence),
     "ply": (ply, check_faces),
-    "exr": (exr, read_channels),
+    "exr": (exr, read_luminance),
     "exr image": (exr, see),
     "png": (picture("a.png"), see),
     "png 16": (picture("a.png", (16, 24), np.uint16), see),

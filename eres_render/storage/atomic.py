@@ -45,6 +45,17 @@ def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
 
     A file beside it is locked meanwhile: `clear_unfinished` removes both after a process was
     killed. The temporary file itself is not locked, as libraries such as HDF5 lock what they write.
+
+    Parameters
+    ----------
+    path
+        The final name.
+    folder
+        Whether to make a folder.
+
+    Yields
+    ------
+    The temporary name.
     """
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
@@ -130,6 +141,17 @@ def new_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Yield a temporary file in the folder of `path`; afterwards rename that file to `path`.
 
     A link is replaced, not what it points to.
+
+    Parameters
+    ----------
+    path
+        The file.
+    overwrite
+        Whether to replace a file.
+
+    Yields
+    ------
+    The temporary file.
 
     Raises
     ------

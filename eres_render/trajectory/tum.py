@@ -135,7 +135,7 @@ def _read(path: Path) -> tuple[list[Decimal], Float64]:
         if abs(row[0]) >= _MAX_TIME_S:
             raise TrajectoryError(
                 f"{path}: line {number}: found time {row[0]!r}, expected less than {_MAX_TIME_S} s "
-                "from 0"
+                "from 0; are the times of the poses in seconds?"
             )
         time = Decimal(line.split()[0])
         if times and not time > times[-1]:

@@ -23,6 +23,17 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     A file beside it is locked meanwhile, by which commands tell it from what a killed process left.
     The file itself is not, as libraries such as HDF5 lock what they write.
 
+    Parameters
+    ----------
+    path
+        The file.
+    overwrite
+        Whether to replace a file.
+
+    Yields
+    ------
+    The temporary name.
+
     Raises
     ------
     FileExistsError
