@@ -84,7 +84,7 @@ def test_the_page_of_random_scenes_makes_all_that_it_shows(tmp_path):
     for found in ("data/000000/events_200.h5", "images/images.json", "again/continuous"):
         assert (tmp_path / found).exists()
     assert "data: 2 sequences" in said
-    assert "images: 3 images" in said
+    assert "images: 4 images" in said
 
 
 @pytest.mark.slow

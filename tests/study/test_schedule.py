@@ -150,7 +150,8 @@ def kill_and_resume(study, folder, moments, *options):
         f"{study.render.samples}), Path({str(folder)!r}), *{options!r})"
     )
     for moment in moments:
-        (folder / "study.json").unlink(missing_ok=True)
+        for name in ("study.json", "rows.parquet"):  # of a run that ended within a moment
+            (folder / name).unlink(missing_ok=True)
         process = subprocess.Popen([sys.executable, "-c", code], env=environment())
         while not moment():
             assert process.poll() is None or moment(), "the run ended before it could be killed"
