@@ -16,6 +16,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sensor.cameras import (
+        EventCamera,
+        camera_names,
+        find_camera,
+        plain_camera,
+        read_camera,
+        write_camera,
+    )
     from sensor.encoding import to_linear
     from sensor.errors import EventError, EventFormatError, SensorError
     from sensor.events import Events
@@ -26,6 +34,7 @@ if TYPE_CHECKING:
 
 # Names are imported on first use (PEP 562): the command line starts without SciPy and Numba.
 _HOMES = {
+    "EventCamera": "sensor.cameras",
     "EventError": "sensor.errors",
     "EventFormatError": "sensor.errors",
     "Events": "sensor.events",
@@ -33,7 +42,11 @@ _HOMES = {
     "ReadoutReport": "sensor.readout",
     "SensorError": "sensor.errors",
     "SensorModel": "sensor.model",
+    "camera_names": "sensor.cameras",
     "cutoff_in_light": "sensor.model",
+    "find_camera": "sensor.cameras",
+    "plain_camera": "sensor.cameras",
+    "read_camera": "sensor.cameras",
     "read_out": "sensor.readout",
     "release_memory": "sensor.memory",
     "simulate": "sensor.simulation",
@@ -41,9 +54,11 @@ _HOMES = {
     "stream": "sensor.simulation",
     "stream_bank": "sensor.simulation",
     "to_linear": "sensor.encoding",
+    "write_camera": "sensor.cameras",
 }
 
 __all__ = [
+    "EventCamera",
     "EventError",
     "EventFormatError",
     "Events",
@@ -51,7 +66,11 @@ __all__ = [
     "ReadoutReport",
     "SensorError",
     "SensorModel",
+    "camera_names",
     "cutoff_in_light",
+    "find_camera",
+    "plain_camera",
+    "read_camera",
     "read_out",
     "release_memory",
     "simulate",
@@ -59,6 +78,7 @@ __all__ = [
     "stream",
     "stream_bank",
     "to_linear",
+    "write_camera",
 ]
 
 

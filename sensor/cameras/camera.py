@@ -1,0 +1,434 @@
+"""`EventCamera`: its grid, pixels, light and bus, and where each value is from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+
+from sensor.cameras.fields import FIELDS, KEYS, Key
+from sensor.errors import SensorError
+from sensor.model import Photoreceptor, SensorModel
+from sensor.numbers import real, refusal, whole
+
+if TYPE_CHECKING:
+    from sensor.readout import Readout
+
+Kind = Literal["smallest", "nominal", "measured", "published", "given", "bound"]
+KINDS: tuple[str, ...] = get_args(Kind)
+
+_ELECTRONICS = [name for name, key in KEYS.items() if key.part == "electronics"]
+
+
+class Source(NamedTuple):
+    """Where a value is from.
+
+    Parameters
+    ----------
+    text
+        A publication, a file, or how it was measured.
+    kind
+        "smallest", the smallest contrast that was seen; "nominal"; "measured"; "published";
+        "given" by a user; or "bound": only an interval is known, and nothing is simulated of it.
+        Thresholds of different kinds are not comparable.
+    interval
+        (2,) its 95 % interval, in the unit of the camera's field; None if it is unknown.
+    """
+
+    text: str
+    kind: Kind = "published"
+    interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventCamera:
+    """An event camera.
+
+    Fields that are in `SensorModel` too have its meaning, default and source. What is not known has
+    no entry in `sources`.
+
+    Parameters
+    ----------
+    name
+        Its name in tables and rows; "" for a plain sensor.
+    title, supplier, year, interface
+        In words; 0 is an unknown year.
+    width, height
+        Size, px; None for electronics alone.
+    pitch_um
+        Side of a pixel, um; None if it is unknown.
+    fill_factor
+        Light-sensitive share of a pixel's area; acts as 1 if it is None, unknown.
+    contrast_threshold, contrast_threshold_off, threshold_mismatch, photoreceptor, leak_hz, \
+shot_noise_hz, shot_noise_exponent, hot_pixel_fraction, hot_pixel_hz, refractory_s, latency_s, \
+random_start
+        As in `SensorModel`.
+    cutoff_hz
+        Cutoff of the photoreceptor in `illuminance_lux`, or in any light if that is None, Hz.
+    cutoff_follows_light
+        Whether the cutoff of a pixel is proportional to its own light; white has the camera's.
+    illuminance_lux
+        Light on the scene for which cutoff and shot noise hold, lux.
+    like
+        Camera that lends its cutoff per lux to one that states no cutoff.
+    area_exponent
+        Exponent of the photodiode's area in a cutoff that is lent, 0 to 1: 0 for a capacitance that
+        grows with the area, 1 for one that does not. Pixels lie between.
+    dark_share
+        Dark level, as a share of the radiance of white.
+    warm_up
+        How long it sees a scene before a window, in time constants of its photoreceptor.
+    bus_hz, fifo, row_overhead_s
+        As `max_rate_hz`, `fifo_depth` and `row_overhead_s` of `Readout`; inf for events that leave
+        at once.
+    sources
+        Where values are from, by their keys in `sensor.cameras.fields.KEYS`.
+
+    Raises
+    ------
+    SensorError
+        A value is outside its range or of another kind; the text names it.
+
+    Examples
+    --------
+    >>> from sensor import find_camera
+    >>> camera = find_camera("davis346")
+    >>> camera.width, camera.height, camera.pitch_um, camera.bus.max_rate_hz
+    (346, 260, 18.5, 12000000.0)
+    >>> camera.model(lux=67).cutoff_hz  # lent by a DVS128, 3 Hz per lux
+    201.0
+    """
+
+    name: str = ""
+    title: str = ""
+    supplier: str = ""
+    year: int = 0
+    interface: str = ""
+    width: int | None = None
+    height: int | None = None
+    pitch_um: float | None = None
+    fill_factor: float | None = None
+    contrast_threshold: float = 0.2
+    contrast_threshold_off: float | None = None
+    threshold_mismatch: float = 0.0
+    photoreceptor: Photoreceptor = "two_pole"
+    cutoff_hz: float = math.inf
+    cutoff_follows_light: bool = False
+    illuminance_lux: float | None = None
+    like: str = "dvs128"
+    area_exponent: float = 0.0
+    leak_hz: float = 0.0
+    shot_noise_hz: float = 0.0
+    shot_noise_exponent: float = 0.5
+    hot_pixel_fraction: float = 0.0
+    hot_pixel_hz: float = 100.0
+    refractory_s: float = 0.0
+    latency_s: float = 0.0
+    random_start: bool = False
+    dark_share: float = 1e-3
+    warm_up: float = 6.0
+    bus_hz: float = math.inf
+    fifo: int = 4096
+    row_overhead_s: float = 0.0
+    sources: Mapping[str, Source] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name, key in KEYS.items():
+            value = getattr(self, FIELDS[name])
+            if value is not None and value != _DEFAULTS[FIELDS[name]]:
+                object.__setattr__(self, FIELDS[name], checked(name, key, value))
+        if self.cutoff_follows_light and self.photoreceptor == "v2e":
+            raise SensorError(
+                "cutoff_follows_light: found true with the photoreceptor v2e, whose cutoff follows "
+                "the light in its own way"
+            )
+        if (self.width is None) != (self.height is None):
+            raise SensorError("width, height: found one of them, expected both or none")
+
+    @property
+    def area_um2(self) -> float | None:
+        """Area of a photodiode, um^2; None if pitch or fill factor is unknown."""
+        if self.pitch_um is None or self.fill_factor is None:
+            return None
+        return self.pitch_um**2 * self.fill_factor
+
+    @property
+    def bus(self) -> Readout | None:
+        """The bus on which events leave; None if they leave at once."""
+        if self.bus_hz == math.inf:
+            return None
+        from sensor.readout import Readout  # here, as it loads Numba
+
+        return Readout(
+            max_rate_hz=self.bus_hz, fifo_depth=self.fifo, row_overhead_s=self.row_overhead_s
+        )
+
+    def states(self, key: str) -> bool:
+        """Return whether the camera has a value of its own for a key, not only a bound."""
+        return key in self.sources and self.sources[key].kind != "bound"
+
+    def on(self, width: int, height: int) -> EventCamera:
+        """Return these pixels on another grid.
+
+        Parameters
+        ----------
+        width, height
+            Size, px.
+
+        Returns
+        -------
+        EventCamera
+        """
+        return replace(self, width=width, height=height)
+
+    def with_electronics(self, other: EventCamera) -> EventCamera:
+        """Return this grid with the electronics and the bus of another camera.
+
+        Parameters
+        ----------
+        other
+            The other camera. What it does not know has its default; a bus that it does not know
+            stays.
+
+        Returns
+        -------
+        EventCamera
+        """
+        names = [
+            name
+            for name in _ELECTRONICS
+            if name not in ("bus", "fifo", "row_overhead") or other.states("bus")
+        ]
+        taken = {FIELDS[name]: getattr(other, FIELDS[name]) for name in names}
+        sources = {name: one for name, one in self.sources.items() if name not in names}
+        sources |= {name: one for name, one in other.sources.items() if name in names}
+        return replace(self, **taken, sources=sources)
+
+    def cutoff_at(self, lux: float) -> float:
+        """Return the cutoff in a light on the scene.
+
+        It is proportional to the light (Lichtsteiner, Posch and Delbruck 2008): from the camera's
+        own pair of cutoff and illuminance, or else from that of the camera `like`, times the ratio
+        of the photodiodes' areas to the power of `area_exponent`. An unknown area counts as equal.
+
+        Parameters
+        ----------
+        lux
+            Illuminance, lux.
+
+        Returns
+        -------
+        float
+            Hz.
+
+        Raises
+        ------
+        SensorError
+            The illuminance is not a positive number, or `like` has no cutoff.
+        """
+        cutoff_hz, at_lux = self._reference()
+        return cutoff_hz * _checked_lux(lux) / at_lux
+
+    def _reference(self) -> tuple[float, float]:
+        """Return a cutoff in Hz, and the illuminance in lux for which it holds."""
+        if math.isfinite(self.cutoff_hz) and self.illuminance_lux is not None:
+            return self.cutoff_hz, self.illuminance_lux
+        from sensor.cameras.files import find_camera  # which reads cameras
+
+        lender = find_camera(self.like)
+        if not math.isfinite(lender.cutoff_hz) or lender.illuminance_lux is None:
+            raise SensorError(
+                f"like: found {self.like!r}, which has no cutoff at an illuminance, expected a "
+                "camera that has, such as 'dvs128'"
+            )
+        times = 1.0
+        if self.area_um2 is not None and lender.area_um2 is not None:
+            times = (self.area_um2 / lender.area_um2) ** self.area_exponent
+        return lender.cutoff_hz * times, lender.illuminance_lux
+
+    def model(
+        self,
+        *,
+        lux: float | None = None,
+        cutoff_hz: float | None = None,
+        white: float = 1.0,
+        dark_white: float | None = None,
+    ) -> SensorModel:
+        """Return the pixels in one light, as the engine takes them.
+
+        Parameters
+        ----------
+        lux
+            Illuminance of the scene, lux, from which cutoff and shot noise follow; None for the
+            camera's own cutoff.
+        cutoff_hz
+            Cutoff in place of that, Hz; inf for ideal pixels.
+        white
+            Radiance of white in the frames.
+        dark_white
+            Radiance of white for the dark level, where scenes of several brightnesses share one;
+            None for `white`.
+
+        Returns
+        -------
+        SensorModel
+
+        Raises
+        ------
+        SensorError
+            Both `lux` and `cutoff_hz` are given, the camera has no grid, a value is out of range,
+            or a cutoff is to follow the light and there is none.
+
+        Examples
+        --------
+        A tenth of the light gives a tenth of the cutoff:
+
+        >>> from sensor import find_camera
+        >>> find_camera("dvs128").model(lux=100).cutoff_hz
+        300.0
+        """
+        if lux is not None and cutoff_hz is not None:
+            raise SensorError("found both lux and cutoff_hz, expected at most one of them")
+        if self.width is None or self.height is None:
+            raise SensorError(
+                f"{self.name or 'camera'}: found no width and height, expected a grid: "
+                "camera.on(width, height)"
+            )
+        noise_hz = self.shot_noise_hz
+        if lux is not None:
+            noise_hz *= self._noise_factor(_checked_lux(lux))
+        ideal = cutoff_hz == math.inf
+        if cutoff_hz is None:
+            cutoff_hz = self.cutoff_hz if lux is None else self.cutoff_at(lux)
+        if self.cutoff_follows_light and math.isinf(cutoff_hz) and not ideal:
+            raise SensorError(
+                "cutoff_follows_light: found no cutoff, expected one, or an illuminance"
+            )
+        follows = self.cutoff_follows_light or self.photoreceptor == "v2e"
+        shared = {one.name for one in fields(SensorModel)} & {one.name for one in fields(self)}
+        values: dict[str, Any] = {name: getattr(self, name) for name in shared}
+        return SensorModel(
+            **values
+            | {
+                "fill_factor": self.fill_factor or 1.0,
+                "cutoff_hz": cutoff_hz,
+                "shot_noise_hz": noise_hz,
+                "dark_level": self.dark_share * (white if dark_white is None else dark_white),
+                "cutoff_reference": white if follows and cutoff_hz < math.inf else None,
+            }
+        )
+
+    def _noise_factor(self, lux: float) -> float:
+        """Return how much more shot noise there is in a light than where the rate holds."""
+        at_lux = self.illuminance_lux
+        if at_lux is None and math.isfinite(self.cutoff_hz):
+            lent_hz, lent_lux = self._reference()
+            at_lux = self.cutoff_hz * lent_lux / lent_hz  # where `like` has this cutoff
+        if at_lux is None:
+            return 1.0
+        try:
+            return float((lux / at_lux) ** -self.shot_noise_exponent)
+        except (OverflowError, ZeroDivisionError):
+            return math.inf  # which SensorModel refuses
+
+    def assumptions(self, *, lux: float | None = None, cutoff_hz: float | None = None) -> str:
+        """Return in words what a simulation of this camera assumes.
+
+        Parameters
+        ----------
+        lux, cutoff_hz
+            As for `model`.
+
+        Returns
+        -------
+        str
+            One line: grid, thresholds with their kind, light and cutoff, dark level, noise, bus.
+        """
+        size = "no grid" if self.width is None else f"{self.width}x{self.height}"
+        chip = [size]
+        if self.pitch_um is not None:
+            chip.append(f"{self.pitch_um:g} um")
+        if self.fill_factor is not None:
+            chip.append(f"fill {100 * self.fill_factor:g} %")
+        parts = [f"{self.name or 'plain'}: {', '.join(chip)}", self._threshold_words()]
+        parts.append(self._light_words(lux, cutoff_hz))
+        parts.append(f"dark {100 * self.dark_share:g} % of white")
+        noise = {"leak": self.leak_hz, "shot noise": self.shot_noise_hz}
+        said = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
+        unknown = [what for what in noise if not self.states(what.replace(" ", "_"))]
+        parts.append(", ".join(said) or "no noise")
+        if unknown:
+            parts[-1] += f" ({' and '.join(unknown)} unknown, 0)"
+        bus = f"bus {self.bus_hz / 1e6:g} Mev/s"
+        if self.bus is None:
+            bus = "no bus" if self.states("bus") or not self.name else "bus unknown, unlimited"
+        return "; ".join([*parts, bus])
+
+    def _threshold_words(self) -> str:
+        on, off = self.contrast_threshold, self.contrast_threshold_off
+        text = f"C {on:.3g}" if off is None else f"C +{on:.3g}/-{off:.3g}"
+        source = self.sources.get("threshold")
+        return f"{text} ({source.kind})" if source else text
+
+    def _light_words(self, lux: float | None, cutoff_hz: float | None) -> str:
+        if lux is None:
+            hz = self.cutoff_hz if cutoff_hz is None else cutoff_hz
+            return "ideal pixels" if math.isinf(hz) else f"cutoff {hz:g} Hz"
+        text = f"{lux:g} lux: cutoff {self.cutoff_at(lux):.3g} Hz"
+        if math.isfinite(self.cutoff_hz) and self.illuminance_lux is not None:
+            return text
+        ends = [
+            f"{replace(self, area_exponent=g).cutoff_at(lux):.3g} Hz at area^{g:g}"
+            for g in (0.0, 1.0)
+            if g != self.area_exponent
+        ]
+        if self.area_um2 is None:
+            ends = ["area unknown"]
+        return f"{text}, lent by {self.like}, area^{self.area_exponent:g} ({', '.join(ends)})"
+
+
+_DEFAULTS = {one.name: one.default for one in fields(EventCamera)}
+
+
+def checked(name: str, key: Key, value: Any) -> Any:
+    """Return the value of a key as a Python value of its kind.
+
+    Parameters
+    ----------
+    name, key
+        The key.
+    value
+        The value, in the unit of the camera's field.
+
+    Returns
+    -------
+    The value.
+
+    Raises
+    ------
+    SensorError
+        It is of another kind, or outside the range of the key.
+    """
+    if key.kind == "flag":
+        if not isinstance(value, bool):
+            raise refusal(name, value, "true or false")
+        return value
+    if key.kind in ("text", "word"):
+        if not isinstance(value, str) or (key.words and value not in key.words):
+            raise refusal(name, value, " or ".join(map(repr, key.words)) or "a text")
+        return value
+    expected = f"a number from {key.least:g} to {key.most:g}"
+    if key.kind == "integer":
+        expected = f"an integer from {key.least:g} to {key.most:g}"
+    number = (whole if key.kind == "integer" else real)(name, value, expected)
+    if not key.least <= number <= key.most:
+        raise refusal(name, value, expected)
+    return number
+
+
+def _checked_lux(lux: float) -> float:
+    number = real("lux", lux, "a positive number")
+    if not 0 < number < math.inf:
+        raise refusal("lux", lux, "a positive number")
+    return number

@@ -1,0 +1,204 @@
+"""The keys of a camera's file: one table for its reader, its writer, its schema and its options."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from dataclasses import field as field_of
+from typing import Literal
+
+from sensor.model import (
+    LARGEST_THRESHOLD,
+    LEAST_FILL_FACTOR,
+    LEAST_THRESHOLD,
+    MAX_RATE_HZ,
+    MAX_SIDE_PX,
+    MAX_TIME_S,
+    PHOTORECEPTORS,
+)
+
+Convert = Callable[[float], float]
+
+
+def _times(factor: float) -> Convert:
+    return lambda value: factor * value
+
+
+def _rise(percent: float) -> float:
+    """Convert a contrast of brighter light to log units."""
+    return math.log1p(percent / 100)
+
+
+def _fall(percent: float) -> float:
+    """Convert a contrast of darker light to log units."""
+    return -math.log1p(-percent / 100) if percent < 100 else math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Key:
+    """A key of a camera's file.
+
+    Parameters
+    ----------
+    meaning
+        What its value is, in words.
+    field
+        Its field of `EventCamera`; "" if it is the key itself.
+    kind
+        "number", "integer", "text", "flag" or "word".
+    units
+        Units of a number, each with the conversion to the unit of the field, the default first.
+    least, most
+        Smallest and largest number, in the unit of the field.
+    words
+        All values of a word.
+    part
+        "name" for words about the camera, which need no source; "grid" for its size and the area of
+        its pixels; else "electronics", the bus included.
+    """
+
+    meaning: str
+    field: str = ""
+    kind: Literal["number", "integer", "text", "flag", "word"] = "number"
+    units: Mapping[str, Convert] = field_of(default_factory=lambda: {"1": float})
+    least: float = 0.0
+    most: float = math.inf
+    words: tuple[str, ...] = ()
+    part: Literal["name", "grid", "electronics"] = "electronics"
+
+
+_HZ = {"Hz": _times(1), "kHz": _times(1e3)}
+_SECONDS = {"s": _times(1), "ms": _times(1e-3), "us": _times(1e-6)}
+_SHARE = {"1": _times(1), "%": _times(1e-2)}
+_LOG = {"log": _times(1), "%": _times(1e-2)}
+
+KEYS: dict[str, Key] = {
+    "title": Key(meaning="name of the camera, in words", kind="text", part="name"),
+    "supplier": Key(meaning="who sells it", kind="text", part="name"),
+    "year": Key(meaning="year of release", kind="integer", least=1900, most=2200, part="name"),
+    "interface": Key(meaning="its connection to a computer", kind="text", part="name"),
+    "width": Key(
+        meaning="width", kind="integer", units={"px": float}, least=1, most=MAX_SIDE_PX, part="grid"
+    ),
+    "height": Key(
+        meaning="height",
+        kind="integer",
+        units={"px": float},
+        least=1,
+        most=MAX_SIDE_PX,
+        part="grid",
+    ),
+    "pitch": Key(
+        meaning="side of a pixel",
+        field="pitch_um",
+        units={"um": _times(1)},
+        least=1e-3,
+        most=1e6,
+        part="grid",
+    ),
+    "fill_factor": Key(
+        meaning="light-sensitive share of a pixel's area",
+        units=_SHARE,
+        least=LEAST_FILL_FACTOR,
+        most=1.0,
+        part="grid",
+    ),
+    "threshold": Key(
+        meaning="contrast threshold of ON events, and of OFF events without threshold_off",
+        field="contrast_threshold",
+        units={"log": _times(1), "%": _rise},
+        least=LEAST_THRESHOLD,
+        most=LARGEST_THRESHOLD,
+    ),
+    "threshold_off": Key(
+        meaning="contrast threshold of OFF events",
+        field="contrast_threshold_off",
+        units={"log": _times(1), "%": _fall},
+        least=LEAST_THRESHOLD,
+        most=LARGEST_THRESHOLD,
+    ),
+    "threshold_mismatch": Key(
+        meaning="standard deviation of the thresholds between pixels", units=_LOG, most=1e6
+    ),
+    "photoreceptor": Key(meaning="its filter", kind="word", words=PHOTORECEPTORS),
+    "cutoff": Key(
+        meaning="corner frequency of each pole of the photoreceptor",
+        field="cutoff_hz",
+        units=_HZ,
+        least=math.ulp(0.0),
+    ),
+    "cutoff_follows_light": Key(
+        meaning="whether a pixel's cutoff is proportional to its own light", kind="flag"
+    ),
+    "illuminance": Key(
+        meaning="light on the scene for which cutoff and shot noise hold",
+        field="illuminance_lux",
+        units={"lux": _times(1), "klux": _times(1e3)},
+        least=math.ulp(0.0),
+        most=1e12,
+    ),
+    "like": Key(meaning="camera that lends its cutoff per lux", kind="text"),
+    "area_exponent": Key(
+        meaning="exponent of the photodiode's area in a cutoff that is lent", most=1.0
+    ),
+    "leak": Key(
+        meaning="rate of ON events of a pixel in constant light",
+        field="leak_hz",
+        units=_HZ,
+        most=MAX_RATE_HZ,
+    ),
+    "shot_noise": Key(
+        meaning="rate of noise events of a pixel in the dark",
+        field="shot_noise_hz",
+        units=_HZ,
+        most=MAX_RATE_HZ,
+    ),
+    "shot_noise_exponent": Key(meaning="fall of the shot noise with the light", most=1e6),
+    "hot_pixels": Key(
+        meaning="share of hot pixels", field="hot_pixel_fraction", units=_SHARE, most=1.0
+    ),
+    "hot_pixel_rate": Key(
+        meaning="rate of noise events of a hot pixel",
+        field="hot_pixel_hz",
+        units=_HZ,
+        most=MAX_RATE_HZ,
+    ),
+    "refractory": Key(
+        meaning="dead time after an event", field="refractory_s", units=_SECONDS, most=MAX_TIME_S
+    ),
+    "latency": Key(
+        meaning="delay from the crossing of a threshold to its event",
+        field="latency_s",
+        units=_SECONDS,
+        most=1000.0,
+    ),
+    "random_start": Key(
+        meaning="whether memories start at random levels, as in a camera that has been running",
+        kind="flag",
+    ),
+    "dark": Key(meaning="dark level, as a share of white", field="dark_share", units=_SHARE),
+    "warm_up": Key(
+        meaning="warm-up before a window, in time constants of the photoreceptor", most=1e6
+    ),
+    "bus": Key(
+        meaning='capacity of the bus; "unlimited" for events that leave at once',
+        field="bus_hz",
+        units={"Mev/s": _times(1e6), "ev/s": _times(1)},
+        least=math.ulp(0.0),
+    ),
+    "fifo": Key(
+        meaning="events that can wait for the bus",
+        kind="integer",
+        units={"events": float},
+        least=1,
+        most=100_000_000,
+    ),
+    "row_overhead": Key(
+        meaning="time to open a row of pixels", field="row_overhead_s", units=_SECONDS, most=1e9
+    ),
+}
+"""All keys, in the order of files and lists."""
+
+FIELDS: dict[str, str] = {name: key.field or name for name, key in KEYS.items()}
+"""The field of `EventCamera` of each key."""

@@ -1,0 +1,300 @@
+"""Cameras in TOML files: those of the catalogue, by name, and those of users."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sensor.cameras.camera import KINDS, EventCamera, Source, checked
+from sensor.cameras.fields import FIELDS, KEYS, Key
+from sensor.errors import SensorError, nearest, reading
+from sensor.formats.new_file import new_file
+from sensor.numbers import real, refusal
+
+_CATALOGUE = Path(__file__).parent / "catalogue"
+_FACTS = "value", "unit", "source", "kind", "interval"
+_ALIASES = {"threshold_on": "threshold"}
+_UNLIMITED = "unlimited"
+
+
+@functools.cache
+def camera_names() -> tuple[str, ...]:
+    """Return the names of the cameras in the catalogue.
+
+    Examples
+    --------
+    >>> from sensor import camera_names
+    >>> "davis346" in camera_names()
+    True
+    """
+    return tuple(sorted(file.stem for file in _CATALOGUE.glob("*.toml")))
+
+
+def plain_camera(width: int, height: int | None = None) -> EventCamera:
+    """Return a camera without noise or bus: ideal pixels with the paper's threshold of 0.2.
+
+    Parameters
+    ----------
+    width, height
+        Size, px; a square by default.
+
+    Returns
+    -------
+    EventCamera
+        Without a name.
+
+    Examples
+    --------
+    >>> from sensor import plain_camera
+    >>> plain_camera(346, 260).model(cutoff_hz=200.0).cutoff_hz
+    200.0
+    """
+    return EventCamera(width=width, height=width if height is None else height)
+
+
+def find_camera(name: str | Path) -> EventCamera:
+    """Return a camera of the catalogue, or that of a file.
+
+    Parameters
+    ----------
+    name
+        A name, as in `camera_names`, or the path of a TOML file; see `read_camera`.
+
+    Returns
+    -------
+    EventCamera
+
+    Raises
+    ------
+    SensorError
+        There is no such camera, or its file is invalid.
+
+    Examples
+    --------
+    >>> from sensor import find_camera
+    >>> find_camera("gen4-cd").width
+    1280
+    >>> find_camera("davis364")
+    Traceback (most recent call last):
+    sensor.errors.SensorError: camera: found 'davis364'; did you mean 'davis346'?
+    """
+    text = str(name)
+    if text in camera_names():
+        return _packaged(text)
+    if text.endswith(".toml") or Path(text).is_file():
+        return read_camera(text)
+    advice = nearest(text, camera_names(), "a file such as mine.toml, or ")
+    raise SensorError(f"camera: found {text!r}; {advice}")
+
+
+@functools.cache
+def _packaged(name: str) -> EventCamera:
+    return read_camera(_CATALOGUE / f"{name}.toml")
+
+
+def read_camera(file: str | Path) -> EventCamera:
+    """Read a camera from a TOML file.
+
+    Its keys are those of `sensor.cameras.fields.KEYS`, and `base`, the name or file of a camera
+    that this one changes. A value is a number in the first unit of its key, or a table of `value`,
+    `unit`, `source` and, if they are known, `kind` and the 95 % `interval`. A table with an
+    interval and no value is a bound, which is not simulated. A threshold in log units holds for ON
+    and OFF; in %, a rise of the light for ON and a fall for OFF, both are needed.
+
+    Parameters
+    ----------
+    file
+        The file.
+
+    Returns
+    -------
+    EventCamera
+        Its name is that of the file.
+
+    Raises
+    ------
+    SensorError
+        The file cannot be read, a key or a unit is unknown, or a value is wrong; the text names
+        file and key.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from sensor import read_camera
+    >>> _ = Path("mine.toml").write_text('base = "davis346"\\nthreshold = 0.15\\nleak = 0.2')
+    >>> camera = read_camera("mine.toml")
+    >>> camera.name, camera.width, camera.contrast_threshold, camera.leak_hz
+    ('mine', 346, 0.15, 0.2)
+    """
+    file = Path(file)
+    if not file.is_file():
+        raise SensorError(f"{file}: no such camera")
+    with reading(file, "TOML", SensorError):
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        table = {_ALIASES.get(name, name): value for name, value in table.items()}
+        base = table.pop("base", None)
+        camera = EventCamera()
+        if base is not None:
+            if not isinstance(base, str):
+                raise refusal("base", base, "the name or the file of a camera")
+            beside = file.parent / base
+            camera = find_camera(beside if base.endswith(".toml") else base)
+        return _changed(camera, table, file.stem)
+
+
+def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCamera:
+    """Return a camera with the values of a file in place of its own."""
+    values: dict[str, Any] = {}
+    sources = dict(camera.sources)
+    if "threshold" in table and "threshold_off" not in table:
+        unit = table["threshold"].get("unit") if isinstance(table["threshold"], dict) else None
+        if unit == "%":
+            raise SensorError("threshold: found %, expected threshold_off, too: rise and fall")
+        values[FIELDS["threshold_off"]] = None
+        sources.pop("threshold_off", None)
+    for key_name, facts in table.items():
+        if key_name not in KEYS:
+            raise SensorError(f"{key_name}: unknown; {nearest(key_name, [*KEYS, 'base'])}")
+        value, source = _read(key_name, KEYS[key_name], facts)
+        if value is not None:
+            values[FIELDS[key_name]] = value
+        if source is not None:
+            sources[key_name] = source
+    return replace(camera, **values, name=name, sources=sources)
+
+
+def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
+    """Return the value of a key, None for a bound, and its source, None for words of a title."""
+    if key.part == "name":
+        return checked(name, key, facts), None
+    if not isinstance(facts, dict):
+        return _value(name, key, facts, None), Source("", "given")
+    for one in facts:
+        if one not in _FACTS:
+            raise SensorError(f"{name}.{one}: unknown, expected {', '.join(_FACTS)}")
+    source = facts.get("source")
+    if not isinstance(source, str) or not source:
+        raise refusal(f"{name}.source", source, "a text that says where the value is from")
+    kind, unit, interval = facts.get("kind", "published"), facts.get("unit"), facts.get("interval")
+    if kind not in KINDS:
+        raise refusal(f"{name}.kind", kind, " or ".join(map(repr, KINDS)))
+    ends = None
+    if interval is not None:
+        if key.kind != "number" or not (isinstance(interval, list) and len(interval) == 2):
+            raise refusal(f"{name}.interval", interval, "two numbers, or none")
+        low, high = (_number(f"{name}.interval", key, one, unit) for one in interval)
+        if not 0 <= low <= high:
+            raise refusal(f"{name}.interval", interval, "its lower end first")
+        ends = low, high
+        if "value" not in facts:
+            return None, Source(source, "bound", ends)
+    if "value" not in facts:
+        raise SensorError(f"{name}: found neither value nor interval, expected one of them")
+    return _value(name, key, facts["value"], unit), Source(source, kind, ends)
+
+
+def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
+    if key.kind == "number":
+        if name == "bus" and value == _UNLIMITED:
+            return math.inf
+        value = _number(name, key, value, unit)
+        if math.isinf(value) and name not in ("cutoff", "bus"):
+            raise refusal(name, value, "a finite number")
+    elif unit not in (None, *key.units):
+        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
+    return checked(name, key, value)
+
+
+def _number(name: str, key: Key, value: Any, unit: Any) -> float:
+    """Return a number in the unit of the camera's field."""
+    if unit is None:
+        unit = next(iter(key.units))
+    if not isinstance(unit, str) or unit not in key.units:
+        raise refusal(f"{name}: unit", unit, " or ".join(map(repr, key.units)))
+    number = real(name, value, f"a number of {unit}")
+    if number < 0:
+        raise refusal(name, value, f"a number of {unit} of at least 0")
+    return key.units[unit](number)
+
+
+def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = True) -> None:
+    """Write a camera to a TOML file, which `read_camera` reads.
+
+    Parameters
+    ----------
+    file
+        The file.
+    camera
+        The camera; all values that it states or that are not defaults are written.
+    overwrite
+        Whether to replace a file.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written, or exists and is not to be replaced.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from sensor import find_camera, read_camera, write_camera
+    >>> camera = replace(find_camera("davis346"), name="mine", leak_hz=0.2)
+    >>> write_camera("mine.toml", camera)
+    >>> read_camera("mine.toml") == camera
+    True
+    """
+    plain, lines = EventCamera(), []
+    for name, key in KEYS.items():
+        value, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
+        if source is None and value == getattr(plain, FIELDS[name]):
+            continue
+        if source is None or not source.text:
+            lines.append(f"{name} = {_text(_in_unit(key, value)[0])}")
+            continue
+        facts: dict[str, Any] = {}
+        if source.kind != "bound":
+            facts["value"], facts["unit"] = _in_unit(key, value)
+        elif key.units:
+            facts["unit"] = _unit(key, 1.0)
+        facts |= {"source": source.text}
+        if source.kind != "bound":
+            facts["kind"] = source.kind
+        if source.interval is not None:
+            unit = facts.get("unit") or _unit(key, 1.0)
+            facts["interval"] = [_divided(key, unit, end) for end in source.interval]
+        inner = ", ".join(f"{one} = {_text(fact)}" for one, fact in facts.items() if fact != "")
+        lines.append(f"{name} = {{ {inner} }}")
+    with new_file(Path(file), overwrite=overwrite) as made:
+        made.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _in_unit(key: Key, value: Any) -> tuple[Any, str]:
+    """Return a value in the unit in which it is written, and the unit; "" for one without."""
+    if key.kind != "number":
+        return value, ""
+    unit = _unit(key, value)
+    return _divided(key, unit, value), unit
+
+
+def _unit(key: Key, value: float) -> str:
+    """Return the first unit from which the value comes back to the bit."""
+    return next(unit for unit in key.units if key.units[unit](_divided(key, unit, value)) == value)
+
+
+def _divided(key: Key, unit: str, value: float) -> float:
+    """Return a value of the field in a unit that is a multiple of the field's."""
+    return value / key.units[unit](1.0)
+
+
+def _text(value: Any) -> str:
+    """Return a value in TOML."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, str):  # JSON's escapes are among those of TOML, which has one more
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -1,0 +1,265 @@
+"""Whole cameras: the catalogue and its sources, files, light, and the models of the engine."""
+
+import itertools
+import math
+import tomllib
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensor import (
+    EventCamera,
+    SensorError,
+    SensorModel,
+    camera_names,
+    find_camera,
+    plain_camera,
+    read_camera,
+    write_camera,
+)
+from sensor.cameras import files
+from sensor.cameras.camera import Source
+from sensor.cameras.fields import FIELDS, KEYS
+from sensor.presets import SENSORS
+from sensor.profiles import find_profile, profile_names
+
+CATALOGUE = Path(files.__file__).parent / "catalogue"
+
+
+@pytest.mark.parametrize("name", camera_names())
+def test_every_value_of_the_catalogue_has_a_source(name):
+    """Promise: a value without a source is not in the catalogue; thresholds say their kind."""
+    camera = find_camera(name)
+    assert (camera.name, bool(camera.title)) == (name, True)
+    table = tomllib.loads((CATALOGUE / f"{name}.toml").read_text())
+    words = {key for key in table if KEYS[key].part == "name"}
+    assert {*camera.sources} == {*table} - words
+    assert all(len(source.text) > 10 for source in camera.sources.values())
+    for key in ("threshold", "threshold_off"):
+        if key in camera.sources:
+            assert camera.sources[key].kind in ("smallest", "nominal", "given")
+
+
+def test_the_catalogue_has_the_cameras_of_the_papers_table():
+    """Source: Table 1: grids and maximum bandwidths; pitches and fill factors as stored."""
+    for name, preset in SENSORS.items():
+        camera, mev_s = find_camera(name), preset.max_bandwidth_mev_s
+        assert (camera.width, camera.height) == (preset.model.width, preset.model.height)
+        assert camera.pitch_um == preset.pixel_pitch_um
+        assert camera.fill_factor == preset.fill_factor
+        assert camera.bus_hz == (math.inf if mev_s is None else 1e6 * mev_s)
+        assert (camera.year, camera.interface) == (preset.year, preset.interface or "")
+    others = {"ideal", "imx636", "v2e-clean", "v2e-noisy"}
+    assert {*camera_names()} == {*SENSORS} | others
+    assert all(find_camera(name).width is None for name in others)
+
+
+def test_models_are_those_of_grids_and_profiles():
+    """Promise: a grid with the electronics of a camera gives the model that a preset with a profile
+    gave, in any light, to the last bit of the cutoff and the noise."""
+    joined = {"gen3": "gen3-cd", "gen4": "gen4-cd"}
+    for grid, profile, lux in itertools.product(
+        SENSORS, [None, *profile_names()], [None, 1000.0, 67.0, 17.0, 0.1]
+    ):
+        electronics = "ideal" if profile is None else joined.get(profile, profile)
+        found = find_camera(grid).with_electronics(find_camera(electronics))
+        model = found.model(lux=lux, white=2.5)
+        before = replace(SENSORS[grid].model, dark_level=1e-3 * 2.5)
+        if profile is not None:
+            before = find_profile(profile).applied_to(before, lux)
+        elif lux is not None:
+            before = replace(before, cutoff_hz=3.0 * lux)
+        limited = before.photoreceptor == "v2e" and before.cutoff_hz < math.inf
+        before = replace(before, cutoff_reference=2.5 if limited else None)
+        assert model.cutoff_hz == pytest.approx(before.cutoff_hz, rel=4e-16)
+        assert model.shot_noise_hz == pytest.approx(before.shot_noise_hz, rel=4e-15)
+        same = {"cutoff_hz": 1.0, "shot_noise_hz": 0.0, "cutoff_reference": None}
+        assert replace(model, **same) == replace(before, **same)
+        assert model.cutoff_reference == before.cutoff_reference
+
+
+def test_electronics_of_another_camera_leave_the_grid_and_a_bus():
+    """Promise: what the other does not know has its default, but for the bus."""
+    davis, ideal = find_camera("davis346"), find_camera("ideal")
+    found = davis.with_electronics(ideal)
+    assert (found.width, found.pitch_um, found.bus_hz) == (346, 18.5, 12e6)
+    assert (found.contrast_threshold, found.contrast_threshold_off) == (0.2, None)
+    assert (found.leak_hz, found.latency_s) == (0.0, 0.0)
+    assert found.sources["threshold"] == ideal.sources["threshold"]
+    assert "leak" not in found.sources
+    assert davis.with_electronics(find_camera("dvs128")).bus_hz == 1e6
+
+
+def test_a_cutoff_is_lent_by_area():
+    """Physics: 3 Hz per lux of a DVS128, times the ratio of photodiode areas to the exponent: at 67
+    lux 201 Hz at 0 for all, and at 1 101, 75, 24 and 7 Hz."""
+    at_1 = {"davis346": 101, "gen3-cd": 75, "gen4-cd": 24, "dvs-gen4": 7, "dvs128": 201}
+    for name, hz in at_1.items():
+        camera = find_camera(name)
+        assert camera.cutoff_at(67) == pytest.approx(201)
+        assert replace(camera, area_exponent=1.0).cutoff_at(67) == pytest.approx(hz, abs=0.5)
+    unknown = replace(find_camera("dvxplorer"), area_exponent=1.0)
+    assert unknown.area_um2 is None
+    assert unknown.cutoff_at(67) == pytest.approx(201)
+    own = EventCamera(cutoff_hz=20.0, illuminance_lux=10.0, area_exponent=1.0, pitch_um=5.0)
+    assert own.cutoff_at(1.0) == pytest.approx(2.0)
+    with pytest.raises(SensorError, match="like: found 'gen4-cd', which has no cutoff"):
+        replace(unknown, like="gen4-cd").cutoff_at(67)
+
+
+def test_an_answer_says_what_it_assumes():
+    text = find_camera("davis346").assumptions(lux=67)
+    assert text == (
+        "davis346: 346x260, 18.5 um, fill 22 %; C +0.134/-0.255 (smallest); 67 lux: cutoff 201 Hz, "
+        "lent by dvs128, area^0 (101 Hz at area^1); dark 0.1 % of white; leak 0.1 Hz (shot noise "
+        "unknown, 0); bus 12 Mev/s"
+    )
+    assert "celex-iv: 768x640" in find_camera("celex-iv").assumptions()
+    assert "ideal pixels" in plain_camera(64).assumptions()
+    assert find_camera("rhino-3").assumptions(cutoff_hz=50.0).count("cutoff 50 Hz") == 1
+
+
+def values_of(key):
+    """Draw values of a key, in the unit of the field."""
+    if key.kind == "flag":
+        return st.booleans()
+    if key.kind == "word":
+        return st.sampled_from(key.words)
+    if key.kind == "text":
+        return st.text(min_size=1, max_size=12)
+    if key.kind == "integer":
+        return st.integers(int(key.least), int(key.most))
+    most = min(key.most, 1e12)
+    return st.floats(key.least, most, allow_nan=False, allow_subnormal=False)
+
+
+@given(data=st.data())
+def test_what_is_written_is_read(data, tmp_path):
+    """Promise: any camera comes back whole, to the bit, with sources, intervals and bounds."""
+    names = data.draw(st.sets(st.sampled_from([*KEYS])))
+    values, sources = {}, {}
+    for name in names - {"width", "height", "cutoff_follows_light"}:
+        key = KEYS[name]
+        number = key.kind == "number"
+        kind = data.draw(st.sampled_from(["published", "smallest", "measured"]))
+        interval = (0.25, 0.5) if number and data.draw(st.booleans()) else None
+        if number and name != "threshold" and data.draw(st.booleans()):
+            sources[name] = Source("only a bound", "bound", (0.25, math.inf))
+            continue
+        values[FIELDS[name]] = data.draw(values_of(key))
+        if key.part != "name":
+            sources[name] = Source(
+                data.draw(st.sampled_from(["a page", 'a "b"\\c'])), kind, interval
+            )
+    camera = EventCamera(name="mine", sources=sources, **values)
+    write_camera(tmp_path / "mine.toml", camera)
+    found = read_camera(tmp_path / "mine.toml")
+    assert found == camera
+    assert found.sources == sources
+
+
+def test_values_from_python_are_written_without_sources(tmp_path):
+    camera = EventCamera(name="a", width=20, height=10, leak_hz=0.3, bus_hz=3.3e6)
+    write_camera(tmp_path / "a.toml", camera)
+    assert (tmp_path / "a.toml").read_text() == "width = 20\nheight = 10\nleak = 0.3\nbus = 3.3\n"
+    found = read_camera(tmp_path / "a.toml")
+    assert (found, found.states("leak"), found.states("latency")) == (camera, True, False)
+    with pytest.raises(FileExistsError):
+        write_camera(tmp_path / "a.toml", camera, overwrite=False)
+
+
+def test_a_file_changes_its_base(tmp_path):
+    """Promise: what the file does not say is that of the base, or of a file beside it; a threshold
+    in log units alone holds for both polarities."""
+    (tmp_path / "one.toml").write_text('base = "davis346"\nthreshold_on = 0.15\n')
+    (tmp_path / "two.toml").write_text(
+        'base = "one.toml"\ntitle = "two"\n'
+        'dark = { value = 1, unit = "%", kind = "given", source = "eres fit" }\n'
+        'cutoff = { interval = [25, inf], unit = "Hz", source = "rec.raw" }\n'
+    )
+    found = find_camera(tmp_path / "two.toml")
+    assert (found.name, found.title, found.width, found.bus_hz) == ("two", "two", 346, 12e6)
+    assert (found.contrast_threshold, found.contrast_threshold_off) == (0.15, None)
+    assert "threshold_off" not in found.sources
+    assert found.model(white=3.0).dark_level == pytest.approx(0.03)
+    assert found.cutoff_hz == math.inf
+    assert found.sources["cutoff"] == Source("rec.raw", "bound", (25.0, math.inf))
+    assert not found.states("cutoff")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("title = ", "could not be read as TOML"),
+        ("cutof = 3", "cutof: unknown; did you mean 'cutoff'"),
+        ('base = "davis364"', "camera: found 'davis364'; did you mean 'davis346'"),
+        ("base = 3", "base: found 3, expected the name or the file"),
+        ("leak = -1", "leak: found -1, expected a number of Hz of at least 0"),
+        ("leak = nan", "leak: found nan, expected a number of Hz"),
+        ("leak = inf", "leak: found inf, expected a finite number"),
+        ("leak = 2e6", "leak: found 2000000.0, expected a number from 0 to 1e+06"),
+        ('leak = "much"', "leak: found 'much', expected a number of Hz"),
+        ("cutoff = 0", "cutoff: found 0.0, expected a number from"),
+        ("fill_factor = 1.2", "fill_factor: found 1.2, expected a number from 1e-06 to 1"),
+        ("width = 3.5", "width: found 3.5, expected an integer from 1 to 65536"),
+        ("width = 3", "width, height: found one of them"),
+        ("random_start = 1", "random_start: found 1, expected true or false"),
+        ('photoreceptor = "rc"', "photoreceptor: found 'rc', expected 'two_pole' or"),
+        ('photoreceptor = "v2e"\ncutoff_follows_light = true', "cutoff_follows_light: found true"),
+        ('threshold = { value = 11, unit = "%", source = "s" }', "expected threshold_off, too"),
+        ('leak = { value = 1, unit = "lux", source = "s" }', "leak: unit: found 'lux'"),
+        ("leak = { value = 1 }", "leak.source: found None, expected a text"),
+        ('leak = { value = 1, source = "s", kind = "x" }', "leak.kind: found 'x'"),
+        ('leak = { value = 1, source = "s", origin = 2 }', "leak.origin: unknown"),
+        ('leak = { value = 1, source = "s", interval = [3, 2] }', "its lower end first"),
+        ('leak = { value = 1, source = "s", interval = 3 }', "leak.interval: found 3"),
+        ('leak = { source = "s" }', "leak: found neither value nor interval"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path, text, expected):
+    """Promise: one line that names file and key, what was found and expected."""
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    with pytest.raises(SensorError) as error:
+        find_camera(file)
+    assert str(error.value).startswith(f"{file}: ")
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_contradicts_itself_is_refused():
+    davis = find_camera("davis346")
+    with pytest.raises(SensorError, match="found both lux and cutoff_hz"):
+        davis.model(lux=67, cutoff_hz=50.0)
+    with pytest.raises(SensorError, match="imx636: found no width and height"):
+        find_camera("imx636").model()
+    assert find_camera("imx636").on(12, 8).model().width == 12
+    follows = replace(davis, cutoff_follows_light=True)
+    with pytest.raises(SensorError, match="cutoff_follows_light: found no cutoff"):
+        follows.model()
+    assert follows.model(cutoff_hz=math.inf).cutoff_reference is None
+    assert follows.model(lux=17, white=4.0).cutoff_reference == 4.0
+    assert davis.model(white=4.0, dark_white=10.0).dark_level == 1e-3 * 10.0
+    for lux in (0, -1, math.inf, math.nan, "dim"):
+        with pytest.raises(SensorError, match="lux: found"):
+            davis.model(lux=lux)
+    with pytest.raises(SensorError, match=r"nowhere\.toml: no such camera"):
+        find_camera("nowhere.toml")
+    with pytest.raises(
+        SensorError, match=r"found 'zzz'; expected a file such as mine\.toml, or one"
+    ):
+        find_camera("zzz")
+
+
+def test_fields_have_the_names_and_defaults_of_the_model():
+    """Promise: what a camera has in common with `SensorModel` is called alike."""
+    ours = {one.name: one.default for one in fields(EventCamera)}
+    theirs = {one.name: one.default for one in fields(SensorModel)}
+    known = {"dark_level", "cutoff_reference", "fill_factor", "width", "height"}
+    assert {*theirs} - {*ours} == {"dark_level", "cutoff_reference"}
+    for name in {*theirs} - known:
+        assert ours[name] == theirs[name], name
+    assert {*FIELDS.values()} <= {*ours}
