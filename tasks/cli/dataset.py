@@ -37,7 +37,7 @@ _OPTIONS = {
     "images_hz": "images",
     "max_displacement_px": "max_displacement",
     "truth_step_s": "truth",
-    "warm_up_s": "warm-up",
+    "warm_up_s": "warmup",
 }
 
 
@@ -57,7 +57,7 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
-    warm_up: float = WARM_UP_S,
+    warmup: Annotated[float, arg(help_behavior_hint=f"(default: {WARM_UP_S:.3g})")] = WARM_UP_S,
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
@@ -98,7 +98,7 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time from one ground truth to the next, seconds.
-    warm_up
+    warmup
         How long the sensor sees the scene before a sequence starts, seconds: enough for 25 Hz. A
         slower cutoff needs 6 / (2 pi f) seconds.
     stereo
@@ -153,7 +153,7 @@ def dataset(
             spp=spp,
             max_displacement_px=max_displacement,
             truth_step_s=truth,
-            warm_up_s=warm_up,
+            warm_up_s=warmup,
         )
     except TaskError as error:
         name, colon, found = str(error).partition(":")
