@@ -38,6 +38,7 @@ def study(
     spp: Annotated[int | None, _AS_IN_STUDY] = None,
     resolution: Annotated[int | None, _AS_IN_STUDY] = None,
     photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = (),
+    distance_m: Annotated[float | None, _AS_IN_STUDY] = None,
     trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None,
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
@@ -70,6 +71,9 @@ def study(
     photoreceptor
         two_pole, one_pole or v2e (v2e's limit for small steps), or several of them, on the same
         frames.
+    distance_m
+        Enlarge planar scenes and their paths to this median distance of the camera from the plane,
+        m, for the study's speeds in m/s.
     trajectory
         File of poses in TUM format, in place of the path of the one scene.
     method
@@ -110,6 +114,8 @@ def study(
     given = {"samples": samples, "spp": spp}
     rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
     asked = replace(asked, render=rendering)
+    if distance_m is not None:
+        asked = replace(asked, simulate=replace(asked.simulate, distance_m=distance_m))
     if resolution is not None:
         asked = with_resolution(asked, resolution)
     if photoreceptor:

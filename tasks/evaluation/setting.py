@@ -29,6 +29,9 @@ class Setting:
     distance
         Factor by which the camera is farther from the plane than in the frames; its focal length is
         longer by the same factor, so the image is the same, but the pose is not.
+    scale
+        Factor by which the scene and the camera's path are larger than in the frames; with the same
+        camera, so the image is the same.
     t_start_s
         When the pixels start, s of the path: with the last frame at or before it, or else with the
         first of all.
@@ -48,6 +51,7 @@ class Setting:
     illuminance_lux: float = 0.0
     speed_m_s: float = 0.0
     distance: float = 1.0
+    scale: float = 1.0
     t_start_s: float = 0.0
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from eres_render.errors import check_spp, nearest
+from eres_render.errors import check_positive, check_spp, nearest
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s"),
-    *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
+    *("sensors", "illuminance_lux", "speeds_m_s", "distance_m", "bus_mev_s", "trajectories"),
 )
 
 _LEAST_HZ = 1e-3  # warms up for a quarter of an hour
@@ -127,6 +127,9 @@ class Simulate:
         Illuminance of the scene, lux, in place of `cutoffs_hz`, which follow from it.
     speeds_m_s
         Mean speeds of the camera, m/s, in place of `speeds`, which follow from them for each scene.
+    distance_m
+        With `speeds_m_s`: median distance of the camera from the plane along its axis, m. Scene and
+        path are enlarged to it, so that images stay. None for the scenes' own distance.
     bus_mev_s
         Capacity of the bus of every sensor, million events per second; None for no bus. At most
         `tasks.events.sensor_options.BusOptions.fifo` events wait.
@@ -151,6 +154,7 @@ class Simulate:
     sensors: tuple[StudySensor, ...] = ()
     illuminance_lux: tuple[FloatOrInf, ...] | None = None
     speeds_m_s: tuple[float, ...] | None = None
+    distance_m: float | None = None
     bus_mev_s: float | None = None
     same_lens: bool | None = None
     warm_up_s: float = field(default=WARM_UP_S, metadata=MAY_BE_ZERO)
@@ -282,7 +286,8 @@ class Study:
     ------
     StudyError
         If a list of sensor settings is empty or has a value twice, a sensor is finer than the
-        frames, sensors contradict each other, a bus carries nothing, or a number is out of range.
+        frames, sensors contradict each other, a bus carries nothing, a distance is given without
+        speeds in m/s or with `same_lens`, or a number is out of range.
     """
 
     name: str
@@ -352,7 +357,25 @@ class Study:
             )
         if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
             check_buses(self.simulate, self.render)
+        self._check_distance()
         self._check_tasks()
+
+    def _check_distance(self) -> None:
+        """Refuse a distance without speeds in m/s, or for widths that have their own."""
+        place, found = "simulate.distance_m", self.simulate.distance_m
+        if found is None:
+            return
+        check_positive(place, found, StudyError)
+        if self.simulate.speeds_m_s is None:
+            raise StudyError(
+                f"{place}: found {found:g} m and speeds that are factors, expected "
+                "simulate.speeds_m_s"
+            )
+        if self.simulate.same_lens:
+            raise StudyError(
+                f"{place}: found {found:g} m and simulate.same_lens, which gives each width a "
+                "distance, expected one of them"
+            )
 
     def _check_sensors(self) -> None:
         """Refuse a named sensor finer than the frames, or as wide as another sensor."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,8 @@ class TrackingScorer:
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Tracking) -> None:
         self._reference, self._setting, self._task = reference, setting, task
-        model = setting.model
+        model, plane = setting.model, reference.truth.plane
+        self._plane = plane and replace(plane, offset_m=setting.scale * plane.offset_m)
         _check_path(
             reference.sequence.window_s[0], reference.truth.trajectory.duration_s, setting.speed
         )
@@ -58,9 +60,10 @@ class TrackingScorer:
     def _pose(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         truth, start_s = self._reference.truth, self._reference.sequence.window_s[0]
         poses = truth.trajectory.pose(start_s + t_s * self._setting.speed)
-        if self._setting.distance == 1.0 or truth.plane is None:
+        poses[..., :3, 3] *= self._setting.scale
+        if self._setting.distance == 1.0 or self._plane is None:
             return poses
-        return farther(poses, truth.plane, self._setting.distance)
+        return farther(poses, self._plane, self._setting.distance)
 
     def push(self, events: Events) -> None:
         """Keep the path's events at the pixels that the sample may have."""
@@ -91,7 +94,7 @@ class TrackingScorer:
                 log_image=self._reference.log_images[model.width],
                 contrast_threshold=model.contrast_threshold,
                 camera=camera,
-                plane=self._reference.truth.plane,
+                plane=self._plane,
                 T_0=self._pose(np.zeros(1))[0],
                 initial=perturbed(self._truth, 1e-3 * sigma_mm, self._seed),
                 initial_sigma_m=1e-3 * sigma_mm,

@@ -18,6 +18,7 @@ _KINDS: dict[str, Any] = {
     "render": dict[str, Any],
     "evaluate": dict[str, Any],
     "base_m_per_s": dict[str, float],
+    "plane_distance_m": dict[str, float],
     "jobs": tuple[Any, ...],
 }
 

@@ -61,6 +61,11 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     return f"{fast:.2g} m/s" if fast < 10 else f"{fast:.0f} m/s"
 
 
+def distances_label(distances_m: Mapping[str, float]) -> str:
+    """List distances of cameras, m, by scene."""
+    return ", ".join(f"{scene} {one:.3g} m" for scene, one in distances_m.items())
+
+
 def photoreceptor_label(photoreceptor: str) -> str:
     """Name a photoreceptor in words."""
     words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}

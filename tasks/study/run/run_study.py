@@ -18,12 +18,15 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import Study, to_json
 from tasks.study.results.previews import INDEX_NAME
+from tasks.study.results.words import distances_label
 from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import (
     Job,
     QueuedJob,
     check_weights,
+    distance_m_of,
     jobs_of,
+    scale_of,
     trials,
     weight_digests,
 )
@@ -45,10 +48,11 @@ def run_study(
     """Render, simulate and score every job of a study, except for those that `out` already has.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study, the mean
-    speed of each scene's camera at factor 1, and the keys of the jobs), `environment.json`
-    (versions and machines, and the command of the last start), `previews/` and `scaling/` (pictures
-    and scaling statistics of each scene's first clip), `costs/` (timings of each job), and `parts/`
-    (rows of each job, with which a stopped run continues).
+    speed of each scene's camera at factor 1, the distances at which speeds in m/s hold, and the
+    keys of the jobs), `environment.json` (versions and machines, and the command of the last
+    start), `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
+    `costs/` (timings of each job), and `parts/` (rows of each job, with which a stopped run
+    continues).
 
     Parameters
     ----------
@@ -90,6 +94,8 @@ def run_study(
         _check_compares(work.values())
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
+        if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
+            _log.info("speeds in m/s hold at the scenes' own distance: %s", distances_label(own_m))
         to_do = folder.to_do()
         if not to_do:
             folder.describe(resolved)
@@ -142,12 +148,17 @@ def _check_compares(jobs: Iterable[Job]) -> None:
 
 
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
-    """Return the study with its defaults, the mean speeds of the cameras, and the keys of jobs."""
-    speeds = {}
+    """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
+    simulate = study.simulate
+    speeds, distances = {}, {}
     for one in scenes:
         path = one.trajectory(one.camera(study.render.resolution, study.render.height))
-        speeds[one.name] = round(path.mean_speed_mps(one.duration_s), 6)
-    return {**to_json(study), "base_m_per_s": speeds, "jobs": list(jobs)}
+        scale = scale_of(simulate, one, path)
+        speeds[one.name] = round(scale * path.mean_speed_mps(one.duration_s), 6)
+        if simulate.speeds_m_s and (own_m := distance_m_of(one, path)):
+            distances[one.name] = round(scale * own_m, 6)
+    found = {"plane_distance_m": distances} if distances else {}
+    return {**to_json(study), "base_m_per_s": speeds, **found, "jobs": list(jobs)}
 
 
 def _scenes(study: Study) -> list[Scene]:
