@@ -155,7 +155,8 @@ def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dic
         path = one.trajectory(one.camera(study.render.resolution, study.render.height))
         scale = scale_of(simulate, one, path)
         speeds[one.name] = round(scale * path.mean_speed_mps(one.duration_s), 6)
-        if simulate.speeds_m_s and (own_m := distance_m_of(one, path)):
+        own_m = distance_m_of(one, path)
+        if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
             distances[one.name] = round(scale * own_m, 6)
     found = {"plane_distance_m": distances} if distances else {}
     return {**to_json(study), "base_m_per_s": speeds, **found, "jobs": list(jobs)}
