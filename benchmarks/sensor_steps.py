@@ -147,7 +147,7 @@ def main() -> None:
     model = SensorModel(
         width=size, height=size, contrast_threshold=C, cutoff_hz=asked.cutoff, dark_level=dark
     )
-    group = SensorGroup.start([0], [model], [1.0], frames[0], 0)
+    group = SensorGroup.start([0], [model], [1.0], frames[0], 0, 0)
     rooms = [lambda events, _: room_for_events(events)]
     steps, fired, flagged, measured = Steps(), 0, 0, 0
     with Workers(1) as workers:

@@ -1,13 +1,18 @@
-"""Check the arguments of `simulate` and related functions, except for the frames."""
+"""Check and complete the arguments of `simulate` and related functions, except for the frames."""
 
 from __future__ import annotations
 
 import math
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sensor.engine.group import least_bytes, members_by_light
 from sensor.errors import SensorError
+from sensor.levels import DARK_FRACTION, white_level
 from sensor.memory import memory_bytes
 from sensor.model import SensorModel
 from sensor.numbers import real, refusal, whole
@@ -15,6 +20,7 @@ from sensor.optics import crop_to_aspect
 
 _LARGEST_SEED = (1 << 63) - 1
 _MOST_THREADS = 1024
+_LEAST_WHITE, _MOST_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
 
 
 def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
@@ -169,6 +175,75 @@ def check_memory(models: list[SensorModel], starts: list[int]) -> None:
             f"pixels needs {needed / 1e9:.1f} GB, and this machine has {there / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
+
+
+def completed(
+    models: Sequence[SensorModel], first: NDArray[np.floating], white: float | None = None
+) -> list[SensorModel]:
+    """Return the models with a dark level, and with a cutoff reference where they need one.
+
+    Parameters
+    ----------
+    models
+        The sensors; a None is replaced.
+    first, white
+        (H, W) the first frame, and the radiance of white; None takes that of the first frame.
+
+    Returns
+    -------
+    list of SensorModel
+
+    Raises
+    ------
+    SensorError
+        A value is needed, and the first frame is black, or its white is out of range.
+    """
+
+    def level(name: str) -> float:
+        return _white_of(first, name) if white is None else white
+
+    found = list(models)
+    if any(m.dark_level is None for m in found):
+        dark = DARK_FRACTION * level("dark_level")
+        found = [m if m.dark_level is not None else replace(m, dark_level=dark) for m in found]
+    if any(map(_needs_reference, found)):
+        reference = level("cutoff_reference")
+        found = [
+            replace(m, cutoff_reference=reference) if _needs_reference(m) else m for m in found
+        ]
+    return found
+
+
+def checked_white(white: float | None) -> float | None:
+    """Return the radiance of white, or raise; None is that of the first frame."""
+    if white is None:
+        return None
+    expected = f"a radiance from {_LEAST_WHITE:g} to {_MOST_WHITE:g}, or None"
+    if not _LEAST_WHITE <= (found := real("white", white, expected)) <= _MOST_WHITE:
+        raise refusal("white", white, expected)
+    return found
+
+
+def _needs_reference(model: SensorModel) -> bool:
+    """Return whether the model has v2e's filter but no radiance of white."""
+    limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
+    return limited and model.cutoff_reference is None
+
+
+def _white_of(frame: NDArray[np.floating], name: str) -> float:
+    """Return the white level of the first frame, for a parameter of the model."""
+    white = white_level(frame)
+    if white <= 0:
+        raise SensorError(
+            f"{name}: found None and a black first frame, which gives no white level, "
+            f"expected a value for SensorModel.{name}, or for `white` of LiveCamera"
+        )
+    if not _LEAST_WHITE <= white <= _MOST_WHITE:
+        raise SensorError(
+            f"{name}: found None and a white level of {white:g} in the first frame, expected "
+            f"{_LEAST_WHITE:g} to {_MOST_WHITE:g}, or a value for SensorModel.{name}"
+        )
+    return white
 
 
 def _within(name: str, value: object, lowest: int, highest: int, expected: str) -> int:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from contextlib import closing
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sensor.engine.arguments import (
     check_fit,
@@ -18,6 +16,7 @@ from sensor.engine.arguments import (
     checked_speeds,
     checked_starts,
     checked_threads,
+    completed,
 )
 from sensor.engine.devices import device_called
 from sensor.engine.frames import (
@@ -28,15 +27,12 @@ from sensor.engine.frames import (
     warn_of_whole_numbers,
     whole_microseconds,
 )
-from sensor.engine.group import SensorGroup, members_by_light
+from sensor.engine.live import Live
 from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
-from sensor.errors import SensorError
 from sensor.events import Columns, Events
-from sensor.levels import DARK_FRACTION, white_level
 from sensor.model import SensorModel
 
-_LEAST_WHITE, _MOST_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
@@ -77,88 +73,29 @@ class Bank:
         check_memory(models, self.starts)
         warn_of_long_intervals(self.t_s)
         warn_of_whole_numbers(self.reader.first)
-        if any(m.dark_level is None for m in models):
-            dark_level = DARK_FRACTION * self._white("dark_level")
-            models = [
-                m if m.dark_level is not None else replace(m, dark_level=dark_level) for m in models
-            ]
-        if any(map(_needs_white, models)):
-            white = self._white("cutoff_reference")
-            models = [replace(m, cutoff_reference=white) if _needs_white(m) else m for m in models]
-        self.models = models
-
-    def _white(self, name: str) -> float:
-        white = white_level(self.reader.first)
-        if white <= 0:
-            raise SensorError(
-                f"{name}: found None and a black first frame, which gives no white level, "
-                f"expected a value for SensorModel.{name}"
-            )
-        if not _LEAST_WHITE <= white <= _MOST_WHITE:
-            raise SensorError(
-                f"{name}: found None and a white level of {white:g} in the first frame, expected "
-                f"{_LEAST_WHITE:g} to {_MOST_WHITE:g}, or a value for SensorModel.{name}"
-            )
-        return white
+        self.models = completed(models, self.reader.first)
 
     def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
-        """Yield `(index of the model, its next events)`; the parts of each model are in order.
-
-        Most parts are views of the columns that the model's `Room` returned last.
-        """
-        rooms = rooms or [lambda size, _: self._device.room(size)] * len(self.models)
-        waiting = deque(
-            sorted(members_by_light(self.models, self.starts), key=lambda one: self.starts[one[0]])
-        )
-        models = [[self.models[i] for i in members] for members in waiting]
-        work = max(len(group) * group[0].width * group[0].height for group in models)
-        if self._device.on_gpu:
-            work = max(work, self.reader.first.size)  # the frames are there, too
-        most = max(1, min(self._device.most_frames, self._device.most_work // work))
-        pieces = Pieces(self.reader.first, models)
-        groups: list[SensorGroup] = []
-        frame, done = self.reader.first, 1
-        with self._device.workers() as workers:
-            while True:
-                while waiting and self.starts[waiting[0][0]] == done - 1:
-                    groups.append(self._started(waiting.popleft(), frame))
-                if done == len(self.t_s):
-                    break
-                wanted = min(most, _FIRST_FRAMES) if done == 1 else most
-                if waiting:
-                    wanted = min(wanted, self.starts[waiting[0][0]] + 1 - done)
-                chunk = self.reader.chunk(done, wanted)
+        """Yield `(index of the model, its next events)` as `Live.push` does."""
+        first = self.reader.first
+        live = Live(self.models, self.speeds, self.starts, self.seed, self._device, first.size)
+        with closing(live):
+            pieces = Pieces(first, [[self.models[i] for i in one] for one in live.members])
+            yield from live.push(first[None], self.t_s[:1], rooms)
+            done = 1
+            while done < len(self.t_s):
+                most = live.most_frames
+                chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
                 end = done + len(chunk)
                 while done < end:
                     rest = chunk[done - end :]
                     # A GPU counts events before it fires them; the processor has to foretell them.
                     piece = rest if self._device.on_gpu else rest[: pieces.frames(rest)]
-                    t_s = self.t_s[done - 1 : done + len(piece)]
-                    for group in groups:
-                        yield from group.advance(piece, done, t_s, rooms, workers)
-                    pieces.learn(len(piece), max((group.fired for group in groups), default=0))
+                    yield from live.push(piece, self.t_s[done : done + len(piece)], rooms)
+                    pieces.learn(len(piece), live.fired)
                     done += len(piece)
-                frame = chunk[len(chunk) - 1]
             self.reader.check_end()
-        for group in groups:
-            yield from group.finish()
-
-    def _started(self, members: list[int], frame: NDArray[np.floating]) -> SensorGroup:
-        """Return the group of some models, whose pixels see this frame first."""
-        return self._device.group.start(
-            members,
-            [self.models[i] for i in members],
-            [self.speeds[i] for i in members],
-            frame.copy_to_host() if hasattr(frame, "copy_to_host") else frame,
-            self.seed,
-            self.starts[members[0]],
-        )
-
-
-def _needs_white(model: SensorModel) -> bool:
-    """Return whether the model has v2e's filter but no radiance of white."""
-    limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
-    return limited and model.cutoff_reference is None
+            yield from live.finish()
 
 
 def collect(bank: Bank) -> list[Events]:

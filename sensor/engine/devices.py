@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any, NamedTuple
 
-from sensor.engine.frames import FrameReader
+from sensor.engine.frames import FrameReader, checked_frames
 from sensor.engine.group import SensorGroup
 from sensor.engine.sorting import room_for_events
 from sensor.engine.workers import Workers
@@ -23,8 +23,9 @@ _GPU_BYTES = 64  # free memory for each of the latter, events included
 
 
 class Device(NamedTuple):
-    """What a `Bank` is made of on a device."""
+    """What simulations are made of on a device."""
 
+    frames: Callable[[Any, int], Any]  # `checked_frames`, brought onto the device
     reader: Callable[..., Any]  # makes a `FrameReader`, or one for frames on the GPU
     group: type[SensorGroup]
     workers: Callable[[], AbstractContextManager[Any]]  # makes `Workers`, or nothing
@@ -53,6 +54,7 @@ def device_called(name: object, threads: int) -> Device:
     """
     if name == "cpu":
         return Device(
+            frames=checked_frames,
             reader=FrameReader,
             group=SensorGroup,
             workers=partial(Workers, threads),
@@ -67,7 +69,7 @@ def device_called(name: object, threads: int) -> Device:
         from numba import cuda
 
         cuda.current_context()
-        from sensor.gpu.frames import DeviceReader
+        from sensor.gpu.frames import DeviceReader, ToDevice
         from sensor.gpu.group import DeviceGroup
         from sensor.gpu.memory import PINNED, free_bytes
     except Exception as error:  # any: numba-cuda ends in what it did not expect
@@ -76,8 +78,10 @@ def device_called(name: object, threads: int) -> Device:
             f"numba-cuda (in a checkout, pip install '.[cuda]'): {type(error).__name__}: "
             f"{' '.join(str(error).split()).rstrip(' :') or 'no reason given'}"
         ) from error
+    to_device = ToDevice(threads)
     return Device(
-        reader=partial(DeviceReader, threads=threads),
+        frames=to_device,
+        reader=partial(DeviceReader, to_device=to_device),
         group=DeviceGroup,
         workers=nullcontext,
         room=lambda size: room_for_events(size, PINNED),

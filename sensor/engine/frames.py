@@ -24,8 +24,17 @@ _LONG_INTERVAL_S = 1.0
 _LEVELS_OF_AN_IMAGE = 16
 
 
-def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
+def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
     """Return frame times as (T,) float64 seconds.
+
+    Parameters
+    ----------
+    t_s, index
+        Times, and index of the first of them, for errors.
+
+    Returns
+    -------
+    (T,) float64
 
     Raises
     ------
@@ -44,25 +53,27 @@ def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
         raise SensorError(f"t_s: found shape {times.shape}, expected (T,) with T of at least 1")
     bad = np.flatnonzero(~np.isfinite(times))
     if bad.size:
-        raise SensorError(f"t_s[{bad[0]}]: found {times[bad[0]]}, expected a time in seconds")
+        k = int(bad[0])
+        raise SensorError(f"t_s[{index + k}]: found {times[k]}, expected a time in seconds")
     bad = np.flatnonzero(np.diff(times) <= 0)
     if bad.size:
         k = int(bad[0]) + 1
         raise SensorError(
-            f"t_s[{k}]: found {times[k]} after {times[k - 1]}, expected strictly increasing times"
+            f"t_s[{index + k}]: found {times[k]} after {times[k - 1]}, expected strictly "
+            "increasing times"
         )
     return times
 
 
-def check_spans(t_s: NDArray[np.float64], speed: float) -> None:
+def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
     """Check that times fit into 64-bit microseconds.
 
     Parameters
     ----------
     t_s
         (T,) frame times divided by the speed.
-    speed
-        Speed factor, for the text of errors.
+    speed, index
+        Speed factor, and index of the first time, for errors.
 
     Raises
     ------
@@ -74,8 +85,8 @@ def check_spans(t_s: NDArray[np.float64], speed: float) -> None:
     far = np.flatnonzero(~(np.abs(t_s) <= MAX_TIME_S))
     if far.size:
         raise SensorError(
-            f"t_s[{far[0]}]: found {t_s[far[0]]:g} s{at_speed}, expected at most {MAX_TIME_S:g} s "
-            "from 0, so that int64 can store it in microseconds"
+            f"t_s[{index + far[0]}]: found {t_s[far[0]]:g} s{at_speed}, expected at most "
+            f"{MAX_TIME_S:g} s from 0, so that int64 can store it in microseconds"
         )
     interval_s = np.diff(t_s)
     if interval_s.size and interval_s.min() <= 0:
@@ -138,7 +149,7 @@ class FrameReader:
             except StopIteration:
                 raise SensorError(f"frames: found none, expected {count}") from None
         self.shape: tuple[int, ...] = first.shape
-        self.first = self._checked(first[None], 0)[0]
+        self.first = checked_frames(first[None], 0)[0]
         self._room: NDArray[np.floating] = np.empty((0, *self.shape), self.first.dtype)
         refuse_bad_radiance(self.first[None], 0)
 
@@ -166,7 +177,7 @@ class FrameReader:
             chunk = self._array[done : done + wanted]
         else:
             chunk = self._read(done, wanted)
-        return self._checked(chunk, done)
+        return checked_frames(chunk, done)
 
     def check_end(self) -> None:
         """Raise `SensorError` if there are more frames than times."""
@@ -179,7 +190,7 @@ class FrameReader:
             self._room = MEMORY.array((wanted, *self.shape), self.first.dtype)
         found = 0
         for frame in map(np.asarray, itertools.islice(self._rest, wanted)):
-            self._checked(frame[None], index + found)
+            checked_frames(frame[None], index + found)
             if frame.shape != self.shape:
                 raise SensorError(
                     f"frame {index + found}: found shape {frame.shape}, "
@@ -198,19 +209,38 @@ class FrameReader:
             )
         return self._room[:wanted]
 
-    def _checked(self, chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
-        if chunk.ndim != 3 or chunk.size == 0:
-            raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
-        if chunk.dtype.kind != "f":
-            advice = (
-                "; images of integers are usually encoded for a screen, and "
-                "sensor.to_linear(frames, 'srgb') converts them to radiance"
-            )
-            raise SensorError(
-                f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
-                f"float64{advice if chunk.dtype.kind in 'ui' else ''}"
-            )
-        return np.ascontiguousarray(chunk, dtype=_float_type(chunk))
+
+def checked_frames(chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
+    """Return frames as contiguous float32 or float64, without a copy if possible.
+
+    Parameters
+    ----------
+    chunk
+        (F, H, W) linear radiance.
+    index
+        Index of the first frame.
+
+    Returns
+    -------
+    (F, H, W) linear radiance.
+
+    Raises
+    ------
+    SensorError
+        A size or dtype is wrong; the text names the frame.
+    """
+    if chunk.ndim != 3 or chunk.size == 0:
+        raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
+    if chunk.dtype.kind != "f":
+        advice = (
+            "; images of integers are usually encoded for a screen, and "
+            "sensor.to_linear(frames, 'srgb') converts them to radiance"
+        )
+        raise SensorError(
+            f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
+            f"float64{advice if chunk.dtype.kind in 'ui' else ''}"
+        )
+    return np.ascontiguousarray(chunk, dtype=_float_type(chunk))
 
 
 def _float_type(frames: NDArray[np.floating]) -> type[np.floating]:

@@ -8,10 +8,48 @@ from typing import Any
 
 import numpy as np
 from numba import cuda
+from numpy.typing import DTypeLike
 
-from sensor.engine.frames import FrameReader, Frames, refuse_bad_radiance
+from sensor.engine.frames import FrameReader, Frames, checked_frames, refuse_bad_radiance
 from sensor.errors import SensorError
 from sensor.gpu.memory import DeviceArray, Scratch, Uploader
+
+
+class ToDevice:
+    """Brings frames onto the GPU, into memory that the next call reuses.
+
+    Parameters
+    ----------
+    threads
+        Number of threads that copy from host memory.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._scratch = Scratch("frames")
+        self._uploader = Uploader(threads)
+
+    def __call__(self, chunk: Any, index: int) -> DeviceArray:
+        """Return frames on the GPU, checked as by `checked_frames`.
+
+        Parameters
+        ----------
+        chunk, index
+            (F, H, W) linear radiance, in host memory or on the GPU, and index of its first frame.
+
+        Returns
+        -------
+        (F, H, W) linear radiance on the GPU, until the next call.
+        """
+        if _is_there(chunk):
+            return _checked(chunk, index, 3)
+        host = checked_frames(chunk, index)
+        room = self.room(host.shape, host.dtype)
+        self._uploader.copy(host, room)
+        return room
+
+    def room(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        """Return memory for frames, until the next call."""
+        return self._scratch.array("frames", shape, dtype)
 
 
 class DeviceReader:
@@ -24,8 +62,8 @@ class DeviceReader:
         `__cuda_array_interface__`, as those of CuPy and PyTorch do.
     count
         T.
-    threads
-        Number of threads that copy frames from host memory.
+    to_device
+        Brings frames onto the GPU.
 
     Raises
     ------
@@ -33,10 +71,9 @@ class DeviceReader:
         As for `FrameReader`.
     """
 
-    def __init__(self, frames: Frames, count: int, threads: int) -> None:
+    def __init__(self, frames: Frames, count: int, to_device: ToDevice) -> None:
         self._count = count
-        self._scratch = Scratch("frames")
-        self._uploader = Uploader(threads)
+        self._to_device = to_device
         self._host: FrameReader | None = None
         self._whole: DeviceArray | None = None
         self._rest: Iterator[Any] = iter(())
@@ -83,13 +120,10 @@ class DeviceReader:
         """
         wanted = min(most, self._count - done)
         if self._host is not None:
-            chunk = self._host.chunk(done, wanted)
-            room = self._scratch.array("frames", chunk.shape, chunk.dtype)
-            self._uploader.copy(chunk, room)
-            return room
+            return self._to_device(self._host.chunk(done, wanted), done)
         if self._whole is not None:
             return self._whole[done : done + wanted]
-        room = self._scratch.array("frames", (wanted, *self.shape), self.first.dtype)
+        room = self._to_device.room((wanted, *self.shape), self.first.dtype)
         found = 0
         for frame in itertools.islice(self._rest, wanted):
             there = _checked(frame, done + found, 2)
