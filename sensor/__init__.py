@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sensor.encoding import to_linear
     from sensor.errors import EventError, EventFormatError, SensorError
     from sensor.events import Events
+    from sensor.live import LiveCamera
     from sensor.memory import release_memory
     from sensor.model import SensorModel, cutoff_in_light
     from sensor.readout import Readout, ReadoutReport, read_out
@@ -38,6 +39,7 @@ _HOMES = {
     "EventError": "sensor.errors",
     "EventFormatError": "sensor.errors",
     "Events": "sensor.events",
+    "LiveCamera": "sensor.live",
     "Readout": "sensor.readout",
     "ReadoutReport": "sensor.readout",
     "SensorError": "sensor.errors",
@@ -62,6 +64,7 @@ __all__ = [
     "EventError",
     "EventFormatError",
     "Events",
+    "LiveCamera",
     "Readout",
     "ReadoutReport",
     "SensorError",

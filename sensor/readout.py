@@ -150,12 +150,22 @@ class Sender:
         self._tally = fifo.Tally(np.zeros(fifo.COUNTS_SIZE, np.int64), np.zeros(fifo.DELAYS_SIZE))
         self._waiting: _Queue | None = None
         self._held: Events | None = None
-        self._end_us: int | None = None
+        self._end_us = -fifo.END_OF_TIME_US
 
-    def push(self, part: Events) -> Events:
-        """Take the next events of the pixels; return events that have left since.
+    def push(self, part: Events, until_us: int | None = None) -> Events:
+        """Take the next events of the pixels; return events that have left before a time.
 
-        The last microsecond is kept, as events that still wait may share it.
+        Parameters
+        ----------
+        part
+            The next events.
+        until_us
+            No event of a later part is earlier, us; None is the time of the last event.
+
+        Returns
+        -------
+        Events
+            Those that left before `until_us`, whose microsecond may get others.
 
         Raises
         ------
@@ -176,15 +186,16 @@ class Sender:
                 f"read_out: found a part of {part.width}x{part.height} px after one of "
                 f"{held.width}x{held.height}, expected the parts of one stream"
             )
-        if len(part) and self._end_us is not None and part.t_us[0] < self._end_us:
+        if len(part) and part.t_us[0] < self._end_us:
             raise EventError(
                 f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
                 f"at {self._end_us} us, expected consecutive parts of one stream"
             )
-        self._end_us = int(part.t_us[-1]) if len(part) else self._end_us
-        sent = concatenate([held, self._waiting.take(part, self._tally)])
-        # Events that are still waiting may share the microsecond of the last one.
-        final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
+        if until_us is None:
+            until_us = int(part.t_us[-1]) if len(part) else self._end_us
+        self._end_us = until_us
+        sent = concatenate([held, self._waiting.take(part, until_us, self._tally)])
+        final = int(np.searchsorted(sent.t_us, until_us))
         self._held = sent[final:].copy()
         return _in_order(sent[:final])
 
@@ -319,10 +330,11 @@ class _Queue:
         row_queue = np.empty(height, np.int64)
         self._fifo = fifo.Fifo(state, t_us, x, p, next_slot, row_first, row_last, row_queue)
 
-    def take(self, part: Events, tally: fifo.Tally) -> Events:
-        """Add the events of a part; return the events sent until its last one."""
+    def take(self, part: Events, until_us: int, tally: fifo.Tally) -> Events:
+        """Add the events of a part; return those sent until a time, its last event or later."""
         sent = self._room(len(part))
         used = fifo.accept(part.columns, self._bus, self._fifo, tally, sent)
+        used = fifo.advance(until_us, self._bus, self._fifo, tally, sent, used)
         return Events.trusted(*sent.part(slice(used)), like=part)
 
     def drain(self, like: Events, tally: fifo.Tally) -> Events:
