@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numba import cuda
-from numpy.typing import DTypeLike
 
 from sensor.engine.frames import FrameReader, Frames, checked_frames, refuse_bad_radiance
 from sensor.errors import SensorError
@@ -25,7 +24,7 @@ class ToDevice:
     """
 
     def __init__(self, threads: int) -> None:
-        self._scratch = Scratch("frames")
+        self.scratch = Scratch("frames")
         self._uploader = Uploader(threads)
 
     def __call__(self, chunk: Any, index: int) -> DeviceArray:
@@ -43,13 +42,9 @@ class ToDevice:
         if _is_there(chunk):
             return _checked(chunk, index, 3)
         host = checked_frames(chunk, index)
-        room = self.room(host.shape, host.dtype)
+        room = self.scratch.array("frames", host.shape, host.dtype)
         self._uploader.copy(host, room)
         return room
-
-    def room(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-        """Return memory for frames, until the next call."""
-        return self._scratch.array("frames", shape, dtype)
 
 
 class DeviceReader:
@@ -123,7 +118,7 @@ class DeviceReader:
             return self._to_device(self._host.chunk(done, wanted), done)
         if self._whole is not None:
             return self._whole[done : done + wanted]
-        room = self._to_device.room((wanted, *self.shape), self.first.dtype)
+        room = self._to_device.scratch.array("frames", (wanted, *self.shape), self.first.dtype)
         found = 0
         for frame in itertools.islice(self._rest, wanted):
             there = _checked(frame, done + found, 2)

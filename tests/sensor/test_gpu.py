@@ -9,6 +9,7 @@ from drawn_sensors import PIXELS, drawn, is_too_near, row_of
 from exact_sensor import exact_events
 from moving_texture import texture_in_motion
 from sensor import (
+    LiveCamera,
     SensorError,
     SensorModel,
     release_memory,
@@ -114,6 +115,22 @@ def test_banks_and_frames_one_by_one_agree():
         gpu = simulate_bank(again(), t_s, models, speeds=speeds, device="cuda")
         for one, other in zip(cpu, gpu, strict=True):
             check(one, other)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pushed_frames_agree(kind):
+    """Promise: a camera that gets its frames one by one, from the host or the GPU, fires the events
+    of `simulate` on the GPU, to the bit."""
+    cuda = pytest.importorskip("numba.cuda")
+    frames, t_s = texture_in_motion(5, 40, (90, 120), 1e-3)
+    model = SensorModel(width=120, height=90, **KINDS[kind])
+    whole, there = simulate(frames, t_s, model, seed=5, device="cuda"), cuda.to_device(frames)
+    for pushed in (frames, there):
+        with LiveCamera(model, seed=5, device="cuda") as live:
+            parts = [live.push(pushed[k : k + 1], t_s[k]) for k in range(len(t_s))]
+            parts.append(live.finish())
+        for one, other in zip(concatenate(parts).columns, whole.columns, strict=True):
+            np.testing.assert_array_equal(one, other, strict=True)
 
 
 def test_a_part_that_is_held_stays():

@@ -73,7 +73,8 @@ import math, sys
 import numpy as np
 import sensor.gpu.kernels as kernels
 from numba import cuda
-from sensor import SensorError, SensorModel, simulate
+from sensor import LiveCamera, SensorError, SensorModel, simulate
+from sensor.events import concatenate
 from sensor.gpu.group import _sorted
 from sensor.gpu.memory import Scratch
 
@@ -116,6 +117,11 @@ else:
     np.testing.assert_array_equal(cpu.y, gpu.y)
     np.testing.assert_array_equal(cpu.p, gpu.p)
     assert np.abs(cpu.t_us - gpu.t_us).max() <= 1
+    with LiveCamera(model, device="cuda") as live:
+        there = cuda.to_device(frames[2:])
+        parts = live.push(frames[:2], t_s[:2]), live.push(there, t_s[2:]), live.finish()
+    for one, other in zip(concatenate(parts).columns, gpu.columns, strict=True):
+        np.testing.assert_array_equal(one, other)
     frames[2, 4, 7] = {20: math.nan, 10: -1e-3}[width]
     try:
         simulate(frames, t_s, model, device="cuda")
