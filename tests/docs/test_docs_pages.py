@@ -1,4 +1,4 @@
-"""docs/quick_start.md, sensors.md, cameras.md, learning.md and dataset.md: all steps run.
+"""docs/quick_start.md, sensors.md, cameras.md, live.md, learning.md and dataset.md: all steps run.
 
 They run from top to bottom."""
 
@@ -71,6 +71,11 @@ def test_the_page_of_cameras_prints_what_it_shows(tmp_path):
     if select_variant().startswith("scalar"):
         pytest.skip("scalar variants render pinholes only")
     follow("cameras.md", tmp_path)
+
+
+def test_the_page_of_live_cameras_prints_what_it_shows(tmp_path):
+    """Promise: a video, v2e's interface and a camera turned by its events work as shown."""
+    follow("live.md", tmp_path)
 
 
 def test_the_page_for_networks_has_windows_with_flow(tmp_path):
