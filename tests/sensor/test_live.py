@@ -2,6 +2,7 @@
 
 import threading
 import tracemalloc
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from hypothesis import strategies as st
 
 from event_streams import assert_same, random_events
 from moving_texture import texture_in_motion
-from sensor import LiveCamera, Readout, SensorError, SensorModel, read_out, simulate
-from sensor.events import concatenate
+from sensor import LiveCamera, Readout, SensorError, SensorModel, read_out, simulate, simulate_bank
+from sensor.engine.devices import device_called
+from sensor.engine.live import Live
+from sensor.events import concatenate, no_events
 from sensor.readout import Sender
 
 SIZE = 24, 32
@@ -70,6 +73,27 @@ def test_pushed_frames_give_the_events_of_simulate(kind, bus):
         assert_same(concatenate(parts), expected)
         assert live.model == completed == parts[-1].model
         assert live.report == (None if bus is None else sent.report)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 40])
+def test_the_engine_gives_the_events_of_a_bank_for_any_chunks(chunk):
+    """Promise: models that start within a chunk, at any speed, fire as in `simulate_bank`."""
+    frames, t_s = texture_in_motion(3, 40, SIZE, 1.7e-3)
+    kinds = "ideal", "coarse", "noise", "everything", "filtered"
+    models = [plain(dark_level=1e-3, **KINDS[kind]) for kind in kinds]
+    speeds, starts = [1.0, 2.0, 0.5, 1.0, 3.0], [0, 5, 39, 5, 38]
+    expected = simulate_bank(frames, t_s, models, speeds=speeds, starts=starts, seed=4)
+    parts = [[no_events(m.width, m.height, m)] for m in models]
+    live = Live(models, speeds, starts, 4, device_called("cpu", 2), frames[0].size)
+    with closing(live):
+        for k in range(0, len(t_s), chunk):
+            for i, events in live.push(frames[k : k + chunk], t_s[k : k + chunk]):
+                parts[i].append(events)
+        for i, events in live.finish():
+            parts[i].append(events)
+    assert sum(map(len, expected)) > 10_000
+    for one, other in zip(parts, expected, strict=True):
+        assert_same(concatenate(one), other)
 
 
 @given(

@@ -9,7 +9,8 @@ import pytest
 from event_streams import COLUMNS, assert_same
 from moving_texture import texture_in_motion
 from sensor import EventError, Events, SensorError, SensorModel, simulate, simulate_bank, stream
-from sensor.engine import bank, devices, group, workers
+from sensor.engine import devices, group, workers
+from sensor.levels import white_level
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +157,7 @@ def test_white_level_is_the_percentile(kind, size):
     for values in (many, np.sort(many), np.sort(many)[::-1], np.round(many), np.ones(size, kind)):
         expected = float(np.percentile(values, 99.9))
         last_bits = 3e-7 if kind is np.float32 else 1e-12
-        assert bank.white_level(values) == pytest.approx(expected, rel=last_bits)
+        assert white_level(values) == pytest.approx(expected, rel=last_bits)
 
 
 def test_dark_level_defaults_to_a_thousandth_of_the_first_frames_white(scene):
