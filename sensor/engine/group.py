@@ -43,6 +43,7 @@ from sensor.optics import pixel_overlaps
 # Pixels of a block: smaller ones cost more calls, larger ones leave the caches. The distance
 # between rows of its state is not a power of two, so that they do not share lines of the L1 cache.
 _BLOCK_PX = 8136
+_BAND_WORK = 1 << 16  # pixels x frames x settings of a band, or its call takes longer than they do
 
 
 @dataclass(eq=False)
@@ -161,7 +162,8 @@ class SensorGroup:
         clock = Clock(
             index - 1 - self.first, np.array(steps, STEP), dt_s, after_us, np.diff(frame_us)
         )
-        edges = np.linspace(0, self.state.u.size, len(workers.pools) + 1).astype(int).tolist()
+        count = min(len(workers.pools), max(1, dt_s.size * self.state.u.size // _BAND_WORK))
+        edges = np.linspace(0, self.state.u.size, count + 1).astype(int).tolist()
         bands = [(k, *band) for k, band in enumerate(itertools.pairwise(edges)) if len({*band}) > 1]
 
         def advance_band(band: tuple[int, int, int]) -> NDArray[np.int64]:

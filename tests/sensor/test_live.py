@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from event_streams import assert_same, random_events
 from moving_texture import texture_in_motion
 from sensor import LiveCamera, Readout, SensorError, SensorModel, read_out, simulate, simulate_bank
+from sensor.engine import group
 from sensor.engine.devices import device_called
 from sensor.engine.live import Live
 from sensor.events import concatenate, no_events
@@ -94,6 +95,25 @@ def test_the_engine_gives_the_events_of_a_bank_for_any_chunks(chunk):
     assert sum(map(len, expected)) > 10_000
     for one, other in zip(parts, expected, strict=True):
         assert_same(concatenate(one), other)
+
+
+def test_a_frame_is_divided_among_threads_where_that_is_worth_it(monkeypatch):
+    """Promise: on a machine of many cores a small frame costs what it does on one: the default is
+    one thread for each core, and a part of 100 microseconds of work costs that much to start."""
+    monkeypatch.setattr(group, "_BAND_WORK", 1 << 16)
+    pixels, advance = [], group.advance_pixels
+
+    def counted(light, band, *rest):
+        pixels.append(band.stop - band.start)
+        return advance(light, band, *rest)
+
+    monkeypatch.setattr(group, "advance_pixels", counted)
+    with LiveCamera(plain(width=320, height=240), threads=8) as live:
+        live.push(np.ones((240, 320)), 0.0)
+        live.push(np.ones((240, 320)), 1.0)
+        assert pixels == [320 * 240]
+        live.push(np.ones((3, 240, 320)), [2.0, 3.0, 4.0])
+        assert sorted(pixels[1:]) == [320 * 240 / 3] * 3
 
 
 @given(
