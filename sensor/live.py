@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensor.engine.arguments import (
+    Lit,
     check_fit,
     check_memory,
     checked_models,
@@ -28,7 +29,6 @@ from sensor.engine.frames import (
 from sensor.engine.live import Live
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate, no_events
-from sensor.model import SensorModel
 from sensor.numbers import refusal
 from sensor.readout import Readout, ReadoutReport, Sender
 
@@ -44,7 +44,8 @@ class LiveCamera:
     Parameters
     ----------
     model
-        The sensor.
+        The sensor, or a function that returns it for a radiance of white, such as `model` of an
+        `EventCamera`.
     seed
         Seed of all random parts of the model, 0 to 2^63 - 1.
     readout
@@ -91,7 +92,7 @@ class LiveCamera:
 
     def __init__(
         self,
-        model: SensorModel,
+        model: Lit,
         *,
         seed: int = 0,
         readout: Readout | None = None,
@@ -99,14 +100,15 @@ class LiveCamera:
         threads: int | None = None,
         device: str = "cpu",
     ) -> None:
-        (self.model,) = checked_models([model])
+        self._white = checked_white(white)
+        self._given = model
+        (self.model,) = checked_models([model], self._white or 1.0)
         self._seed = checked_seed(seed)
         if not isinstance(readout, Readout | None):
             raise refusal("readout", readout, "a sensor.Readout, or None")
         self._sender = None if readout is None else Sender(readout)
-        self._white = checked_white(white)
         self._device = device_called(device, checked_threads(threads))
-        check_memory([model], [0])
+        check_memory([self.model], [0])
         self._shape: tuple[int, ...] = ()  # of the frames, after the first
         self._frames = 0  # so far
         self._last_s = np.empty(0)  # time of the last of them
@@ -229,7 +231,7 @@ class LiveCamera:
         check_fit(self.model, *first.shape)
         refuse_bad_radiance(first[None], 0)
         warn_of_whole_numbers(first)
-        (self.model,) = completed([self.model], first, self._white)
+        (self.model,) = completed([self._given], first, self._white)
         self._shape = first.shape
         return Live([self.model], [1.0], [0], self._seed, self._device, first.size)
 

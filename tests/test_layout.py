@@ -97,7 +97,7 @@ WINGS = {
     "sensor.gpu": {"sensor.engine", "sensor.kernels"},
     "sensor.formats": set(),
     "sensor.profiles": set(),
-    "sensor.cameras": {"sensor.formats"},
+    "sensor.cameras": {"sensor.engine", "sensor.formats"},
     "sensor.representations": set(),
     "sensor.statistics": set(),
     "eres_render.storage": set(),

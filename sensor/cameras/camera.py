@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
@@ -13,6 +13,12 @@ from sensor.model import Photoreceptor, SensorModel
 from sensor.numbers import real, refusal, whole
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from sensor.engine.arguments import Lit
+    from sensor.engine.frames import Frames
+    from sensor.events import Events
+    from sensor.live import LiveCamera
     from sensor.readout import Readout
 
 Kind = Literal["smallest", "nominal", "measured", "published", "given", "bound"]
@@ -331,6 +337,125 @@ random_start
             return float((lux / at_lux) ** -self.shot_noise_exponent)
         except (OverflowError, ZeroDivisionError):
             return math.inf  # which SensorModel refuses
+
+    def open(
+        self,
+        seed: int = 0,
+        *,
+        lux: float | None = None,
+        cutoff_hz: float | None = None,
+        white: float | None = None,
+        threads: int | None = None,
+        device: str = "cpu",
+    ) -> LiveCamera:
+        """Return the camera in a loop, with its bus: push a frame, get its events.
+
+        Parameters
+        ----------
+        lux, cutoff_hz
+            As for `model`.
+        white
+            Radiance of white; None for the 99.9th percentile of the first frame.
+        seed, threads, device
+            As for `sensor.LiveCamera`.
+
+        Returns
+        -------
+        LiveCamera
+
+        Raises
+        ------
+        SensorError
+            As `model` and `sensor.LiveCamera`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from sensor import find_camera
+        >>> slope = np.linspace(0.0, 5.0, 260 * 346).reshape(260, 346)
+        >>> with find_camera("davis346").open(lux=67) as live:
+        ...     for k in range(3):
+        ...         events = live.push(np.exp(0.01 * k * slope), t_s=0.01 * k)
+        >>> live.model.cutoff_hz, live.report.dropped
+        (201.0, 0)
+        """
+        from sensor.live import LiveCamera  # here, as it loads Numba
+
+        lit = self._lit(lux, cutoff_hz, white)
+        return LiveCamera(lit, seed=seed, readout=self.bus, threads=threads, device=device)
+
+    def _lit(self, lux: float | None, cutoff_hz: float | None, white: float | None) -> Lit:
+        """Return the pixels in a light, or a function of white if that is unknown."""
+        if white is not None:
+            return self.model(lux=lux, cutoff_hz=cutoff_hz, white=white)
+        return lambda found: self.model(lux=lux, cutoff_hz=cutoff_hz, white=found)
+
+    def stream(
+        self,
+        frames: Frames,
+        t_s: ArrayLike,
+        *,
+        seed: int = 0,
+        lux: float | None = None,
+        cutoff_hz: float | None = None,
+        white: float | None = None,
+        threads: int | None = None,
+        device: str = "cpu",
+    ) -> Iterator[Events]:
+        """Simulate the camera, with its bus, in parts.
+
+        Parameters
+        ----------
+        frames, t_s
+            As for `sensor.stream`.
+        seed, lux, cutoff_hz, white, threads, device
+            As for `open`.
+
+        Yields
+        ------
+        Events
+            Consecutive parts of the stream.
+
+        Raises
+        ------
+        SensorError
+            As `model` and `sensor.stream`.
+        """
+        from sensor.engine.bank import Bank
+        from sensor.readout import read_out
+
+        bank = Bank(frames, t_s, [self._lit(lux, cutoff_hz, white)], None, seed, threads, device)
+        parts = (events for _, events in bank.run())
+        yield from parts if self.bus is None else read_out(parts, self.bus)
+
+    def simulate(self, frames: Frames, t_s: ArrayLike, **options: Any) -> Events:
+        """Simulate the camera, with its bus.
+
+        Parameters
+        ----------
+        frames, t_s, options
+            As for `stream`.
+
+        Returns
+        -------
+        Events
+
+        Raises
+        ------
+        SensorError
+            As `stream`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from sensor import find_camera
+        >>> slope = np.linspace(0.0, 0.5, 260 * 346).reshape(260, 346)
+        >>> find_camera("davis346").simulate([np.ones((260, 346)), np.exp(slope)], [0, 0.1], lux=67)
+        Events(123881 of 346x260 px, 28280..100019 us)
+        """
+        from sensor.events import concatenate
+
+        return concatenate(list(self.stream(frames, t_s, **options)))
 
     def assumptions(self, *, lux: float | None = None, cutoff_hz: float | None = None) -> str:
         """Return in words what a simulation of this camera assumes.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from types import FunctionType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,27 @@ from sensor.model import SensorModel
 from sensor.numbers import real, refusal, whole
 from sensor.optics import crop_to_aspect
 
+Lit = SensorModel | Callable[[float], SensorModel]
+"""A sensor, or a function that returns it for a radiance of white."""
+
 _LARGEST_SEED = (1 << 63) - 1
 _MOST_THREADS = 1024
 _LEAST_WHITE, _MOST_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
 
 
-def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
+def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorModel]:
     """Return the models as a list.
+
+    Parameters
+    ----------
+    models
+        The sensors, or functions that return them for a radiance of white.
+    white
+        A radiance of white, for these.
+
+    Returns
+    -------
+    list of SensorModel
 
     Raises
     ------
@@ -33,17 +49,17 @@ def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
     """
     if not isinstance(models, Iterable):
         raise refusal("models", models, "a list of SensorModel")
-    models = list(models)
-    if not models:
+    found: list[Any] = [m(white) if isinstance(m, FunctionType) else m for m in models]
+    if not found:
         raise SensorError("models: found none, expected at least one SensorModel")
-    for i, model in enumerate(models):
+    for i, model in enumerate(found):
         if not isinstance(model, SensorModel):
-            name = f"models[{i}]" if len(models) > 1 else "model"
+            name = f"models[{i}]" if len(found) > 1 else "model"
             raise SensorError(
                 f"{name}: found a {type(model).__name__}, expected a SensorModel, such as "
                 "SensorModel(width=346, height=260)"
             )
-    return models
+    return found
 
 
 def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
@@ -178,14 +194,14 @@ def check_memory(models: list[SensorModel], starts: list[int]) -> None:
 
 
 def completed(
-    models: Sequence[SensorModel], first: NDArray[np.floating], white: float | None = None
+    models: Sequence[Lit], first: NDArray[np.floating], white: float | None = None
 ) -> list[SensorModel]:
     """Return the models with a dark level, and with a cutoff reference where they need one.
 
     Parameters
     ----------
     models
-        The sensors; a None is replaced.
+        The sensors, or functions that return them for a radiance of white; a None is replaced.
     first, white
         (H, W) the first frame, and the radiance of white; None takes that of the first frame.
 
@@ -202,7 +218,7 @@ def completed(
     def level(name: str) -> float:
         return _white_of(first, name) if white is None else white
 
-    found = list(models)
+    found = [m if isinstance(m, SensorModel) else m(level("dark_level")) for m in models]
     if any(m.dark_level is None for m in found):
         dark = DARK_FRACTION * level("dark_level")
         found = [m if m.dark_level is not None else replace(m, dark_level=dark) for m in found]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sensor.engine.arguments import (
+    Lit,
     check_fit,
     check_memory,
     checked_models,
@@ -31,7 +32,6 @@ from sensor.engine.live import Live
 from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
 from sensor.events import Columns, Events
-from sensor.model import SensorModel
 
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
@@ -51,14 +51,15 @@ class Bank:
         self,
         frames: Frames,
         t_s: ArrayLike,
-        models: Sequence[SensorModel],
+        models: Sequence[Lit],
         speeds: Sequence[float] | None,
         seed: int,
         threads: int | None,
         device: str = "cpu",
         starts: Sequence[int] | None = None,
     ) -> None:
-        models = checked_models(models)
+        given = list(models) if isinstance(models, Iterable) else models
+        models = checked_models(given)
         self.speeds = checked_speeds(speeds, len(models))
         self.seed = checked_seed(seed)
         self.threads = checked_threads(threads)
@@ -73,7 +74,7 @@ class Bank:
         check_memory(models, self.starts)
         warn_of_long_intervals(self.t_s)
         warn_of_whole_numbers(self.reader.first)
-        self.models = completed(models, self.reader.first)
+        self.models = completed(given, self.reader.first)
 
     def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its next events)` as `Live.push` does."""

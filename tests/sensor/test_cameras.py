@@ -6,10 +6,13 @@ import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from event_streams import assert_same
+from moving_texture import texture_in_motion
 from sensor import (
     EventCamera,
     SensorError,
@@ -18,11 +21,15 @@ from sensor import (
     find_camera,
     plain_camera,
     read_camera,
+    read_out,
+    stream,
     write_camera,
 )
 from sensor.cameras import files
 from sensor.cameras.camera import Source
 from sensor.cameras.fields import FIELDS, KEYS
+from sensor.events import concatenate
+from sensor.levels import white_level
 from sensor.presets import SENSORS
 from sensor.profiles import find_profile, profile_names
 
@@ -108,6 +115,41 @@ def test_a_cutoff_is_lent_by_area():
     assert own.cutoff_at(1.0) == pytest.approx(2.0)
     with pytest.raises(SensorError, match="like: found 'gen4-cd', which has no cutoff"):
         replace(unknown, like="gen4-cd").cutoff_at(67)
+
+
+@pytest.mark.parametrize("white", [None, 3.0])
+def test_a_camera_in_a_loop_gives_the_events_of_its_stream(white):
+    """Promise: to the bit, with its bus and its dark level, which is a share of the given white, or
+    of that of the first frame; they are those of the model and the bus one by one."""
+    frames, t_s = texture_in_motion(0, 12, (20, 24), 2e-3, travel_px=6.0)
+    camera = EventCamera(
+        name="mine",
+        width=24,
+        height=20,
+        cutoff_hz=300.0,
+        cutoff_follows_light=True,
+        leak_hz=5.0,
+        dark_share=0.02,
+        bus_hz=2e5,
+        fifo=4,
+        latency_s=1e-4,
+    )
+    level = white_level(frames[0]) if white is None else white
+    model = camera.model(white=level)
+    assert model.dark_level == 0.02 * level
+    assert model.cutoff_reference == level
+    expected = concatenate(list(read_out(stream(frames, t_s, model, seed=5), camera.bus)))
+    assert len(expected) > 1000
+    assert_same(camera.simulate(frames, t_s, seed=5, white=white), expected)
+    assert_same(camera.simulate(iter(frames), t_s, seed=5, white=white, threads=1), expected)
+    with camera.open(seed=5, white=white) as live:
+        parts = [live.push(frame, t) for frame, t in zip(frames, t_s, strict=True)]
+        parts.append(live.finish())
+    assert_same(concatenate(parts), expected)
+    assert live.model == model
+    assert live.report.dropped > 0
+    with pytest.raises(SensorError, match="dark_level: found None and a black first frame"):
+        camera.simulate(np.zeros((2, 20, 24)), [0.0, 1.0])
 
 
 def test_an_answer_says_what_it_assumes():
