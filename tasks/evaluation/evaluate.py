@@ -55,7 +55,7 @@ def evaluate(
     truth
         Ground truth of the sequence's scene.
     settings
-        The sensors, at least one, all with the same dark level.
+        The sensors, at least one.
     tasks
         Settings of each task, by its name; a task without methods is skipped.
     on_progress
@@ -69,10 +69,7 @@ def evaluate(
     Rows, in the order of the sensors and tasks, with timings and the reference.
     """
     at_start = replace(sequence.rendered)
-    dark_level = settings[0].model.dark_level
-    assert dark_level is not None, "settings have the sequence's dark level"
-    models = [setting.model for setting in settings]
-    reference = ReferenceFrames(sequence, truth, dark_level, models)
+    reference = ReferenceFrames(sequence, truth)
     sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
     stopwatch = Stopwatch()
     before_s = sequence.rendered.seconds
@@ -278,8 +275,8 @@ def _timings(
         events=sum(sensor.fired for sensor in sensors),
         scoring_s=seconds["scoring"],
         methods=_method_timings(
-            (model.width, task, score)
-            for model, found in zip(models, scores, strict=True)
+            (sensor.setting, task, score)
+            for sensor, found in zip(sensors, scores, strict=True)
             for task, score in found
         ),
         rendered_frames=rendered.frames,
@@ -288,20 +285,21 @@ def _timings(
     )
 
 
-def _method_timings(scored: Iterable[tuple[int, str, Score]]) -> tuple[MethodTimings, ...]:
-    """Return the timings of each method on each width, from widths, tasks and scores."""
-    groups: dict[tuple[str, str, str, int], list[Score]] = {}
-    for width, task, score in scored:
+def _method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> tuple[MethodTimings, ...]:
+    """Return the timings of each method on each sensor, from settings, tasks and scores."""
+    groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
+    for setting, task, score in scored:
         if not score.copied:
-            key = task, score.method, score.variant, width
+            key = task, score.method, score.variant, setting.model.width, setting.name
             groups.setdefault(key, []).append(score)
     return tuple(
         MethodTimings(
-            *key,
+            *key[:4],
             estimates=len(scores),
             events=sum(score.events for score in scores),
             cpu_s=sum(score.cpu_s for score in scores),
             median_cpu_s=float(np.median([score.cpu_s for score in scores])),
+            sensor=key[4],
         )
         for key, scores in groups.items()
     )

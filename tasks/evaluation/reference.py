@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
-from functools import cached_property
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,24 +18,19 @@ from tasks.video import log_light, picture
 
 _MOST_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
 
-
 _T = TypeVar("_T")
 
 
-class _CachedOnce(cached_property[_T]):
-    """A cached property that one thread computes while the others wait, as before Python 3.12."""
-
-    def __init__(self, compute: Callable[[Any], _T]) -> None:
-        super().__init__(compute)
-        self._lock = threading.RLock()
-
-    def __get__(self, instance: Any, owner: type[Any] | None = None) -> Any:
-        with self._lock:
-            return super().__get__(instance, owner)
+def dark_level_of(model: SensorModel) -> float:
+    """Return the dark level of a sensor of a `Setting`, in the frames' unit of radiance."""
+    assert model.dark_level is not None, "settings have a dark level"
+    return model.dark_level
 
 
 class ReferenceFrames:
     """Frames, ground truth and log images of one sequence, to compare answers with.
+
+    Log images have the dark level of a sensor. Each is computed once for all sensors that share it.
 
     Parameters
     ----------
@@ -44,59 +38,49 @@ class ReferenceFrames:
         The frames.
     truth
         Poses, depth and flow of their scene.
-    dark_level
-        Dark level of the sensors, in the frames' unit of radiance.
-    models
-        Models of the sensors; those of one width have the same height and fill factor.
     """
 
-    def __init__(
-        self,
-        sequence: RadianceSequence,
-        truth: GroundTruth,
-        dark_level: float,
-        models: Iterable[SensorModel],
-    ) -> None:
+    def __init__(self, sequence: RadianceSequence, truth: GroundTruth) -> None:
         self.sequence = sequence
         self.truth = truth
-        self.dark_level = dark_level
-        self._models = {model.width: model for model in models}
-        self._features: dict[tuple[int, int], Features] = {}
-        self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
+        self._computed: dict[tuple[object, ...], Any] = {}
+        self._computing = threading.RLock()
+        self._pictures: dict[tuple[float, float, str], NDArray[np.float64]] = {}
         self._picturing = threading.Lock()
 
-    @_CachedOnce
+    @property
     def start(self) -> NDArray[np.float32]:
         """(H, W) radiance at the window's start."""
         return self._frame_at(self.sequence.window_s[0])
 
-    @_CachedOnce
+    @property
     def end(self) -> NDArray[np.float32]:
         """(H, W) radiance at the window's end."""
         return self._frame_at(self.sequence.window_s[1])
 
-    @_CachedOnce
-    def log_start(self) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's start."""
-        return self.log(self.start)
+    def log_start(self, model: SensorModel) -> NDArray[np.float64]:
+        """(H, W) log intensity at the window's start, with the dark level of a sensor."""
+        dark_level = dark_level_of(model)
+        return self._once(("log_start", dark_level), lambda: _log(self.start, dark_level))
 
-    @_CachedOnce
-    def log_end(self) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's end."""
-        return self.log(self.end)
+    def log_end(self, model: SensorModel) -> NDArray[np.float64]:
+        """(H, W) log intensity at the window's end, with the dark level of a sensor."""
+        dark_level = dark_level_of(model)
+        return self._once(("log_end", dark_level), lambda: _log(self.end, dark_level))
 
-    @_CachedOnce
-    def log_white(self) -> float:
-        """Log intensity of white at the window's end."""
-        return log_white_level(self.log_end)
+    def log_white(self, model: SensorModel) -> float:
+        """Log intensity of white at the window's end, with the dark level of a sensor."""
+        key = "log_white", dark_level_of(model)
+        return self._once(key, lambda: log_white_level(self.log_end(model)))
 
-    @_CachedOnce
-    def log_images(self) -> dict[int, NDArray[np.float64]]:
-        """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
-        return {
-            width: self.log(integrate(self.start, model.height, width, model.fill_factor))
-            for width, model in self._models.items()
-        }
+    def log_image(self, model: SensorModel) -> NDArray[np.float64]:
+        """(h, w) log intensity at the window's start, as the pixels of a sensor see it."""
+        pixels = model.height, model.width, model.fill_factor
+        dark_level = dark_level_of(model)
+        return self._once(
+            ("log_image", *pixels, dark_level),
+            lambda: _log(integrate(self.start, *pixels), dark_level),
+        )
 
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera of a sensor that sees all of the frames.
@@ -126,19 +110,22 @@ class ReferenceFrames:
         -------
         Features, the same for every sensor.
         """
-        if (count, seed) not in self._features:
-            manifest = self.sequence.manifest
-            key = manifest.scene, manifest.clip
-            self._features[count, seed] = find_features(
+        manifest = self.sequence.manifest
+        key = manifest.scene, manifest.clip
+        return self._once(
+            ("features", count, seed),
+            lambda: find_features(
                 self.start, self.truth, self.sequence.window_s, key, count=count, seed=seed
-            )
-        return self._features[count, seed]
+            ),
+        )
 
-    def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
+    def picture(self, model: SensorModel, t_s: float, equalization: str) -> NDArray[np.float64]:
         """Return the true image to compare an image of a video with.
 
         Parameters
         ----------
+        model
+            The sensor of the video, for its dark level.
         t_s
             Time of the image, seconds of the sequence.
         equalization
@@ -148,18 +135,28 @@ class ReferenceFrames:
         -------
         (H, W) in [0, 1], at the frames' resolution.
         """
-        key = t_s, equalization
+        dark_level = dark_level_of(model)
+        key = dark_level, t_s, equalization
         with self._picturing:  # sensors are scored by several threads
             if key not in self._pictures:
-                log_image = log_light(self.sequence, t_s, self.dark_level)
+                log_image = log_light(self.sequence, t_s, dark_level)
                 if len(self._pictures) >= _MOST_PICTURES:  # they ask for one time after another
                     del self._pictures[next(iter(self._pictures))]
                 self._pictures[key] = picture(log_image, log_image.shape, equalization)
             return self._pictures[key]
 
-    def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return log intensity with the sensors' dark level."""
-        return np.log(radiance.astype(np.float64) + self.dark_level)
-
     def _frame_at(self, t_s: float) -> NDArray[np.float32]:
-        return self.sequence.frame(int(np.searchsorted(self.sequence.t_s, t_s)))
+        k = int(np.searchsorted(self.sequence.t_s, t_s))
+        return self._once(("frame", k), lambda: self.sequence.frame(k))
+
+    def _once(self, key: tuple[object, ...], compute: Callable[[], _T]) -> _T:
+        """Return what one thread computes while the others wait."""
+        with self._computing:
+            if key not in self._computed:
+                self._computed[key] = compute()
+            found: _T = self._computed[key]
+            return found
+
+
+def _log(radiance: NDArray[np.floating], dark_level: float) -> NDArray[np.float64]:
+    return np.log(radiance.astype(np.float64) + dark_level)

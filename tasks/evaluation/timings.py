@@ -14,14 +14,14 @@ from tasks.errors import ResultError
 
 @dataclass(frozen=True, slots=True)
 class MethodTimings:
-    """Work and time of one method on the sensors of one width.
+    """Work and time of one method on one sensor, over all settings.
 
     Parameters
     ----------
     task, method, variant
         As in a `Row`.
     width
-        Width of the sensors, px.
+        Width of the sensor, px.
     estimates
         Number of answers: images, flows, patches or paths.
     events
@@ -30,6 +30,8 @@ class MethodTimings:
         CPU time of the method, seconds: the sum over all answers, and their median, which the
         compilation in the first one does not affect. What both trackers need is counted for the one
         that is first.
+    sensor
+        As in a `Row`. Runs of older versions lack it.
     """
 
     task: str
@@ -40,6 +42,7 @@ class MethodTimings:
     events: int
     cpu_s: float
     median_cpu_s: float
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from PIL import Image
 from eres_render.storage.settings_reader import read_typed
 from sensor import Events, SensorModel
 from tasks.errors import ResultError
+from tasks.evaluation.setting import Setting
 from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights
@@ -117,8 +118,9 @@ def test_films_are_over_whole_frames(monkeypatch) -> None:
         simulate=SimpleNamespace(speeds=(1.0,)),
         render=SimpleNamespace(resolution=64, height_at=lambda width: 64),
     )
-    reference = SimpleNamespace(sequence=strip, log_white=0.0, dark_level=1e-3)
-    highlights.Highlights(QueuedJob(job, "k", True), []).result(reference, whole)
+    reference = SimpleNamespace(sequence=strip, log_white=lambda model: 0.0)
+    first = Setting(SensorModel(width=64, height=8, dark_level=1e-3), 1.0, 0, 9)
+    highlights.Highlights(QueuedJob(job, "k", True), [first]).result(reference, whole)
     assert set(shapes) == {(64, 64)}
     assert measured == [strip]
 

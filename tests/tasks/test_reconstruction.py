@@ -101,6 +101,15 @@ def test_methods_are_found_by_name():
         load_method("optical_flow", "photometric_flow")
 
 
+def reference_of(log_start, log_end):
+    """Return a reference in which white is 1."""
+    return SimpleNamespace(
+        log_start=lambda model: log_start,
+        log_end=lambda model: log_end,
+        log_white=lambda model: 0.0,
+    )
+
+
 @pytest.mark.parametrize(("off", "error"), [(0.4, 0.0), (None, 0.2)])
 def test_event_integration_knows_the_threshold_of_off_events(off, error):
     """Analytic case: two ON events of 0.2, and one OFF event of 0.4: exact with its threshold,
@@ -108,7 +117,7 @@ def test_event_integration_knows_the_threshold_of_off_events(off, error):
     model = SensorModel(width=2, height=1, contrast_threshold=0.2, contrast_threshold_off=off)
     start = np.log(np.full((1, 2), 0.5))
     end = start + np.array([[0.4, -0.4]])
-    reference = SimpleNamespace(log_start=start, log_end=end, log_white=0.0)
+    reference = reference_of(start, end)
     task = Reconstruction(methods=("event_integration",), upsampling="nearest")
     scorer = ReconstructionScorer(reference, Setting(model, 1.0, 0, 100), task)
     x = np.array([0, 1, 0], np.uint16)
@@ -123,7 +132,7 @@ def test_a_camera_at_rest_has_a_score():
     """Promise: where nothing moves the images are equal, and their score is a large finite number,
     which has medians and differences."""
     log_image = np.zeros((1, 2))
-    reference = SimpleNamespace(log_start=log_image, log_end=log_image, log_white=0.0)
+    reference = reference_of(log_image, log_image)
     task = Reconstruction(methods=("event_integration", "no_events"))
     setting = Setting(SensorModel(width=2, height=1), 1.0, 0, 9)
     scorer = ReconstructionScorer(reference, setting, task)

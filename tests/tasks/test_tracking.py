@@ -386,7 +386,7 @@ def test_a_scored_sample_is_that_of_all_events(scene, count):
     path = SimpleNamespace(pose=pose, duration_s=0.04)
     truth = SimpleNamespace(trajectory=path, plane=FLOOR)
     reference = SimpleNamespace(
-        sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_images={WIDTH: log_image}
+        sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_image=lambda _: log_image
     )
     scorer = TrackingScorer(reference, Setting(model, 1.0, START_US, START_US + 28_000), task)
     for start_us in range(0, START_US + 30_000, 3000):

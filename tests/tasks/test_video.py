@@ -326,7 +326,7 @@ def test_other_equalizations_score_the_same_images():
     truth = smooth_noise(1, 32)
     reference = SimpleNamespace(
         sequence=SimpleNamespace(window_s=(0.0, 2.0)),
-        picture=lambda t_s, equalization: picture(truth, truth.shape, equalization),
+        picture=lambda model, t_s, equalization: picture(truth, truth.shape, equalization),
     )
 
     def scores(**options):

@@ -49,7 +49,7 @@ class FlowScorer:
                     events,
                     setting.start_us,
                     setting.end_us,
-                    log_image=self._reference.log_images[features.width],
+                    log_image=self._reference.log_image(setting.model),
                     contrast_threshold=setting.model.contrast_threshold,
                     center_px=features.centers_px[item],
                     side_px=side_px,

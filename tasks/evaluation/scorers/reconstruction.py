@@ -40,16 +40,17 @@ class ReconstructionScorer:
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method."""
-        reference = self._reference
+        reference, model = self._reference, self._setting.model
+        log_start, log_end = reference.log_start(model), reference.log_end(model)
         sample = ReconstructionSample(
-            reference.log_start,
+            log_start,
             self._sum + (self._off_weight - 1) * self._off_sum,
-            self._setting.model.contrast_threshold,
+            model.contrast_threshold,
         )
         for name in self._task.methods:
             options = {"upsampling": self._task.upsampling} if name == "event_integration" else {}
             method = load_method("reconstruction", name)
             answer, cpu_s = ask("reconstruction", name, method, sample, **options)
-            prediction, failure = image_answer("reconstruction", name, answer, reference.log_start)
-            value = psnr_db(prediction, reference.log_end, reference.log_white)
+            prediction, failure = image_answer("reconstruction", name, answer, log_start)
+            value = psnr_db(prediction, log_end, reference.log_white(model))
             yield Score(name, value, failure=failure, events=self._events, cpu_s=cpu_s)

@@ -91,7 +91,7 @@ class TrackingScorer:
             sample = tracking_sample(
                 events,
                 self._setting.start_us,
-                log_image=self._reference.log_images[model.width],
+                log_image=self._reference.log_image(model),
                 contrast_threshold=model.contrast_threshold,
                 camera=camera,
                 plane=self._plane,

@@ -10,7 +10,7 @@ import numpy as np
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.answers import ask, ask_each, image_answer
-from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video, unlike_two_poles
@@ -27,7 +27,7 @@ class VideoScorer:
     """Scores the PSNR of each image; each image is one sample."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Video) -> None:
-        self._reference, self._task = reference, task
+        self._reference, self._setting, self._task = reference, setting, task
         others = task.other_equalizations or ()
         named = {equalization_variant(name): name for name in others}
         self._equalizations = {"": task.equalization, **named}
@@ -63,9 +63,9 @@ class VideoScorer:
                     f"video, method {name!r}, which is about two poles: found "
                     f"{found}, expected 'two_pole' with one cutoff"
                 )
-            sequence, dark_level = self._reference.sequence, self._reference.dark_level
             light = TrueLight(
-                sequence, dark_level, model.cutoff_hz, setting.speed, model.fill_factor
+                *(self._reference.sequence, dark_level_of(model)),
+                *(model.cutoff_hz, setting.speed, model.fill_factor),
             )
             return {"light": light}
         if name not in TASKS["video"].networks:
@@ -101,7 +101,9 @@ class VideoScorer:
             log_image, failure = image_answer("video", name, answer, self._blank)
             sample = self._samples[t_us]
             for variant, equalization in self._equalizations.items():
-                truth = self._reference.picture(self._times_s[sample], equalization)
+                truth = self._reference.picture(
+                    self._setting.model, self._times_s[sample], equalization
+                )
                 found = picture(log_image, truth.shape, equalization)
                 self._scores.append(
                     Score(

@@ -8,7 +8,7 @@ import numpy as np
 
 from eres_render import RadianceSequence
 from sensor import Events
-from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.setting import Setting
 from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
@@ -28,13 +28,13 @@ class Highlights:
     queued
         The job.
     settings
-        All its sensors.
+        All its sensors, at least one.
     """
 
     def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
         job = queued.job
         speeds = job.simulate.speeds
-        self._job, self._key = job, queued.key
+        self._job, self._key, self._first = job, queued.key, settings[0].model
         firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
         self._used = set(firsts.values())
         height, width = job.render.height_at(job.render.resolution), job.render.resolution
@@ -80,10 +80,11 @@ class Highlights:
         speed = self._job.simulate.speeds[0]
         ago_s = FILM_S * speed * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
         shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
-        white = np.float32(np.exp(reference.log_white))
+        white = np.float32(np.exp(reference.log_white(self._first)))
         frames = [sequence.frame(int(i)) / white for i in shown]
         previews = preview_files(self._job, frames, self._films)
-        scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
+        dark_level = dark_level_of(self._first)
+        scaling, slope = measure_scaling(reference.sequence, dark_level, self._histograms)
         scaling = replace(scaling, job=self._key)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},

@@ -62,7 +62,7 @@ def measure_scaling(
     sequence
         Frames of the clip.
     dark_level
-        Dark level of the sensors, in the frames' unit of radiance.
+        Dark level of the first sensor, in the frames' unit of radiance.
     histograms
         Complete histograms of times between events, by width, light as in `light_of`, and speed.
 
