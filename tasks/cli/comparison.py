@@ -46,7 +46,7 @@ def _rich_block(block: Block, table: ComparisonTable) -> Table:
             dim = "dim" if column.kind in ("paper", "rate") else ""
             shown.add_column(head, justify="right", style=dim, no_wrap=True)
     for line in block.lines:
-        cells = [Text("do nothing" if line.width is None else line_label(line, table.series))]
+        cells = [Text("do nothing" if line.sensor is None else line_label(line, table.series))]
         for entry in line.entries:
             styles = {
                 "ours": _style(entry.best, entry.enough, entry.beats_nothing is False),

@@ -378,8 +378,7 @@ class Study:
             )
 
     def _check_sensors(self) -> None:
-        """Refuse a named sensor finer than the frames, or as wide as another sensor."""
-        of_width = {width: f"{width} px of simulate.widths" for width in self.simulate.widths}
+        """Refuse a named sensor finer than the frames, or a name twice."""
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
             render = self.render
@@ -390,12 +389,6 @@ class Study:
                     f"{render.resolution}x{render.height_at(render.resolution)} px it sees "
                     f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
                 )
-            if sensor.width in of_width:
-                raise StudyError(
-                    f"{at} and {of_width[sensor.width]}, both {sensor.width} px wide, expected one "
-                    "sensor of each width; compare them in two studies"
-                )
-            of_width[sensor.width] = repr(sensor.name)
         if self.simulate.sensors:
             _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
 

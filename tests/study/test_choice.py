@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
+from tasks.study.results.asked import SensorId
 from tasks.study.results.choice import Choice, choose, choose_all
 from tasks.study.results.scores import Scores
 
@@ -23,9 +24,24 @@ def test_the_choice_is_the_smallest_width_that_is_as_good() -> None:
     rows = [row(w, i, v + i - 4) for w, v in values.items() for i in range(9)]
     choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
     assert choice is not None
-    assert (choice.best, choice.enough) == (1280, 640)
-    assert choice.event_rates_hz[1280] == 2 * choice.event_rates_hz[640]
+    assert (choice.best, choice.enough) == (SensorId(1280), SensorId(640))
+    assert choice.event_rates_hz[choice.best] == 2 * choice.event_rates_hz[choice.enough]
     assert choice.tied is None  # the samples move together, so 0.11 dB is told apart
+
+
+def test_of_two_sensors_of_one_width_the_better_is_enough() -> None:
+    """Promise: the width decides before the name: 640 px are 0.05 dB below the best, by the better
+    of two cameras; the other, whose samples scatter around the best, is no smaller, so not tied."""
+    values = {(640, "b"): 20.05, (640, "a"): 20.04, (1280, "c"): 20.10}
+    rows = [
+        replace(row(width, i, value + (i - 4) * (name == "a")), sensor=name)
+        for (width, name), value in values.items()
+        for i in range(9)
+    ]
+    choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
+    assert choice is not None
+    assert (choice.best.label, choice.enough.label, choice.tied) == ("c", "b", None)
+    assert list(choice.event_rates_hz) == [(640, "a"), (640, "b"), (1280, "c")]
 
 
 def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
@@ -36,7 +52,7 @@ def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
     ]
     choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
     assert choice is not None
-    assert (choice.best, choice.enough, choice.tied) == (1280, 1280, 640)
+    assert (choice.best, choice.enough, choice.tied) == ((1280, ""), (1280, ""), (640, ""))
     few = choose(Scores([r for r in rows if r.sample < 5]), EI, "carpet", math.inf, 1.0)
     assert few is not None
     assert few.tied is None
@@ -48,11 +64,11 @@ def test_what_does_not_beat_doing_nothing_is_not_tied() -> None:
     lead = (-0.6, 0.7, -0.5, 0.6, 0.5, 0.7, -0.4, 0.5, 0.6)
     rows = [row(640, i, 20.0) for i in range(9)]
     rows += [row(1280, i, 20 + d) for i, d in enumerate(lead)]
-    for nothing, tied in ((19.9, 640), (20.2, None)):
+    for nothing, tied in ((19.9, SensorId(640)), (20.2, None)):
         idle = [replace(row(640, i, nothing), method="no_events") for i in range(9)]
         choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)
         assert choice is not None
-        assert (choice.enough, choice.worthwhile, choice.tied) == (1280, True, tied)
+        assert (choice.enough, choice.worthwhile, choice.tied) == (SensorId(1280), True, tied)
 
 
 def test_scenes_with_widths_of_their_own_have_their_own_choices() -> None:
@@ -60,7 +76,7 @@ def test_scenes_with_widths_of_their_own_have_their_own_choices() -> None:
     rows = [row(w, i, 20.0 + w / 100) for w in (442, 649, 1190) for i in range(9)]
     rows += [replace(one, scene="rocks", width=one.width - 100) for one in rows]
     found = choose_all(Scores(rows), EI)
-    picked = {scene: one and one.best for (scene, _, _), one in found.items()}
+    picked = {scene: one and one.best.width for (scene, _, _), one in found.items()}
     assert picked == {"carpet": 1190, "rocks": 1090}
 
 
@@ -96,8 +112,10 @@ def measured(
 def on_buses(choice: Choice) -> dict[float, int | None]:
     """Return the sufficient widths by capacity in Mev/s, where the next slower bus has another."""
     found = list(choice.on_buses.items())
-    last = [None, *(width for _, width in found)]
-    return {hz / 1e6: width for i, (hz, width) in enumerate(found) if i == 0 or width != last[i]}
+    last = [None, *(one for _, one in found)]
+    return {
+        hz / 1e6: one and one.width for i, (hz, one) in enumerate(found) if i == 0 or one != last[i]
+    }
 
 
 def test_a_bus_is_asked_of_every_width_of_the_study() -> None:
@@ -105,7 +123,7 @@ def test_a_bus_is_asked_of_every_width_of_the_study() -> None:
     their own events. 320 px, which doing nothing beats by 0.02 dB, is never recommended."""
     values = {80: 19.50, 160: 19.70, 320: 18.87}
     choice = measured(values, {80: 0.4e6, 160: 1.5e6, 320: 6e6}, nothing=18.89)
-    assert choice.enough == 160
+    assert choice.enough.width == 160
     assert on_buses(choice) == {1.0: 80, 12.0: 160}
     alone = measured({320: 18.87}, {320: 6e6}, nothing=18.89)
     assert on_buses(alone) == {1.0: None}
@@ -118,7 +136,7 @@ def test_a_bus_may_not_carry_the_best() -> None:
     values = {128: 18.0, 640: 20.0, 1280: 24.0}
     rates_hz = {128: 0.5e6, 640: 59.4e6, 1280: 600e6}
     choice = measured(values, rates_hz, nothing=10.0)
-    assert choice.enough == 1280
+    assert choice.enough.width == 1280
     assert on_buses(choice) == {1.0: 128, 66.0: 640, 600.0: 1280}
     more = {w: 3 * rate for w, rate in rates_hz.items()}
     assert on_buses(measured(values, more)) == {1.0: None, 12.0: 128, 200.0: 640}
@@ -149,7 +167,7 @@ def test_equal_scores_are_won_by_the_fewest_pixels() -> None:
     """Three equal medians: the smallest is best and sufficient; so is the smaller of two on a
     bus."""
     choice = measured(dict.fromkeys((240, 346, 640), 20.0), {240: 2e6, 346: 1e6, 640: 1e6})
-    assert (choice.best, choice.enough) == (240, 240)
+    assert (choice.best.width, choice.enough.width) == (240, 240)
     assert on_buses(choice) == {1.0: 346, 12.0: 240}
 
 
@@ -168,8 +186,8 @@ def test_nothing_that_doing_nothing_beats_is_recommended(
     values, idle, rates_hz = ({w: v[k] for w, v in found.items()} for k in range(3))
     choice = measured(values, rates_hz, nothing=idle)
     recommended = [(math.inf, choice.enough)] if choice.worthwhile else []
-    recommended += [(hz, width) for hz, width in choice.on_buses.items() if width]
-    for capacity_hz, width in recommended:
+    recommended += [(hz, one) for hz, one in choice.on_buses.items() if one]
+    for capacity_hz, (width, _) in recommended:
         assert values[width] > idle[width]
         assert rates_hz[width] <= capacity_hz
         carried = [w for w in values if rates_hz[w] <= capacity_hz]
@@ -191,7 +209,7 @@ def test_the_papers_choice_is_by_the_same_rule_on_its_medians() -> None:
     for cutoff_hz, width in ((math.inf, 1280), (200.0, 1280), (50.0, 346)):
         choice = choices["carpet", cutoff_hz, 1.0]
         assert choice is not None
-        assert (choice.enough, choice.paper) == (128, width)
+        assert (choice.enough, choice.paper) == (SensorId(128), SensorId(width))
     other = [row(w, i, 20.0) for w in (128, 300) for i in range(3)]
     choice = choose(Scores(other), EI, "carpet", math.inf, 1.0)
     assert choice is not None
@@ -207,6 +225,6 @@ def test_for_errors_the_smallest_is_best() -> None:
     choices = choose_all(Scores(rows + nothing_rows(rows, 3.5)), EPF)
     choice = choices["carpet", math.inf, 10.0]
     assert choice is not None
-    assert (choice.best, choice.enough) == (640, 346)
+    assert (choice.best.width, choice.enough.width) == (640, 346)
     assert choice.worthwhile
     assert ("rocks", math.inf, 10.0) not in choices

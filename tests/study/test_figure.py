@@ -9,8 +9,9 @@ import pytest
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.report.figures import figure, figure_files
-from tasks.study.report.plot import COLORS, Line, Panel, Point, plot, width_keys
+from tasks.study.report.plot import COLORS, Line, Panel, Point, plot, sensor_keys
 from tasks.study.report.sections.tradeoff import tradeoff_plots
+from tasks.study.results.asked import SensorId
 from tasks.study.results.scores import Scores
 
 BUS_HZ = 600e6
@@ -110,7 +111,7 @@ def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None
             Panel(f"{i}", "", [Line([Point(1.0, 20.0, []), Point(2.0, 20.0 + span, [])])])
             for i, span in enumerate(spans_db)
         ]
-        return plot("", "", "", width_keys([128]), panels, deciding=0.1).own_axes
+        return plot("", "", "", sensor_keys([SensorId(128)]), panels, deciding=0.1).own_axes
 
     assert own(12.0, 0.4)
     assert not own(4.0, 3.0)

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,11 @@ from tasks.evaluation.timings import read_timings
 from tasks.row import Row, read_rows
 from tasks.study.config import Render, Study, with_scenes
 from tasks.study.report.finished_run import read_run
+from tasks.study.report.sections.scaling import interval_plot
+from tasks.study.report.sections.timings import method_table
+from tasks.study.report.sections.tradeoff import tradeoff_plots
+from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.choice import choose
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
@@ -215,8 +221,10 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ("sensors = [{width = 9, threshold_on = 1}]", "mean 'threshold_off' or 'threshold'"),
         ("sensors = [{width = 9, cutoff = 1}]", "unknown: the light of the study decides it"),
         ('sensors = [{width = 9, leak = "a"}]', r"simulate.sensors\[0\].leak: found 'a', expected"),
-        ('sensors = ["gen3-cd", "dvxplorer"]', "'dvxplorer' and 'gen3-cd', both 640 px wide"),
-        ('sensors = ["davis346"]\nwidths = [346]', "and 346 px of simulate.widths, both 346 px"),
+        (
+            'sensors = ["davis346", {name = "davis346", width = 9}]',
+            r"simulate.sensors: found \('davis346', 'davis346'\), expected each of them once",
+        ),
         ('sensors = ["none.toml"]', "none.toml: no such file"),
         ("illuminance_lux = [9, 9]", r"lux: found \(9.0, 9.0\), expected each of them once"),
         ("speeds_m_s = [2, 2]", r"speeds_m_s: found \(2.0, 2.0\), expected each of them once"),
@@ -340,7 +348,8 @@ GALLERY = """<scene version="3.0.0">
 
 def own_study(folder: Path) -> Study:
     """A Mitsuba file with a path, lux and m/s; a flat sensor on a slow bus, one on a slow bus with
-    an endless queue, one with noise, and one with an OFF threshold that is twice its ON threshold.
+    an endless queue, one with noise, and one of the same width with an OFF threshold that is twice
+    its ON threshold.
     """
     (folder / "gallery.xml").write_text(GALLERY)
     (folder / "poses.txt").write_text(POSES)
@@ -359,7 +368,7 @@ def own_study(folder: Path) -> Study:
       {{name = "flat", width = 60, height = 30, bus = 0.002, fifo = 50}},
       {{name = "late", width = 40, bus = 0.002, fifo = 1_000_000}},
       {{name = "noisy", width = 36, leak = 20, hot_pixels = 0.05, hot_pixel_rate = 500}},
-      {{name = "apart", width = 34, threshold_off = 0.4}},
+      {{name = "apart", width = 36, threshold_off = 0.4}},
     ]
     illuminance_lux = [inf, 100]
     speeds_m_s = [0.5]
@@ -390,7 +399,7 @@ def test_rows_say_what_was_asked(rows) -> None:
     m/s a factor of 2."""
     assert {(r.sensor, r.width, r.bus_mev_s) for r in rows} == {
         ("", 32, math.inf),
-        ("apart", 34, math.inf),
+        ("apart", 36, math.inf),
         ("noisy", 36, math.inf),
         ("late", 40, 0.002),
         ("flat", 60, 0.002),
@@ -458,8 +467,37 @@ def test_words_are_those_of_the_question(rows) -> None:
     assert [speed_label("gallery", speed) for speed in scores.speeds(series)] == ["0.5 m/s"]
     (table,) = main_tables(scores)
     labels = [line_label(line, series) for line in table.blocks[0].lines]
-    assert labels[:5] == ["32 px", "apart, 34 px", "noisy, 36 px", "late, 40 px", "flat, 60 px"]
+    assert labels[:5] == ["32 px", "apart, 36 px", "noisy, 36 px", "late, 40 px", "flat, 60 px"]
     assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)
+
+
+def test_two_sensors_of_one_width_are_apart_everywhere(run) -> None:
+    """Promise: table, choice, plots, films, histograms, times and the lines of tables.csv have each
+    of the five sensors by its name, though two of them are 36 px wide."""
+    sensors = [(32, ""), (36, "apart"), (36, "noisy"), (40, "late"), (60, "flat")]
+    labels = ["32 px", "apart", "noisy", "late", "flat"]
+    finished = read_run(run)
+    (series,) = finished.series
+    assert finished.scores.sensors(series) == sensors
+    for light in finished.scores.cutoffs_hz(series):
+        choice = choose(finished.scores, series, "gallery", light, MetersPerSecond(0.5))
+        assert choice is not None
+        assert [*choice.event_rates_hz] == sensors
+        assert len({*choice.event_rates_hz.values()}) == 5
+    (drawn,) = tradeoff_plots(finished.scores, series, finished.bus_hz).values()
+    (intervals,) = (interval_plot(one) for one in finished.scaling.values())
+    for shown in (drawn, intervals):
+        assert [key.name for key in shown.keys] == labels
+        assert len({key.color for key in shown.keys}) == 5
+    (pictures,) = finished.previews.values()
+    films = [one for one in pictures if one.shows_film]
+    assert [one.caption for one in films] == 2 * labels
+    assert len({(run / "previews" / one.file).read_bytes() for one in films}) == 10
+    assert [one.text for one in method_table(finished.timings).heads[1:-2]] == labels
+    page_of(run)  # writes tables.csv
+    with (run / "tables.csv").open() as file:
+        lines = [one for one in csv.DictReader(file) if one["method"] == "event_integration"]
+    assert Counter((int(one["width"]), one["sensor"]) for one in lines) == Counter(2 * sensors)
 
 
 def test_the_page_says_lux_for_every_sensor(run) -> None:

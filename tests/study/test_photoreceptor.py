@@ -75,7 +75,7 @@ def test_readings_are_apart_and_two_poles_come_first() -> None:
     assert list(found) == ["two_pole", "v2e"]
     for name, (scores,) in found.items():
         assert scores.photoreceptor == name
-        assert scores.widths(EI) == list(WIDTHS)
+        assert [one.width for one in scores.sensors(EI)] == list(WIDTHS)
     with pytest.raises(ResultError, match="found photoreceptors v2e and two_pole, expected one"):
         Scores(both_rows())
 
@@ -94,8 +94,7 @@ def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> 
     assert list(found) == ["two_pole", "one_pole"]
     for thresholds in found.values():
         assert [one.contrast_threshold for one in thresholds] == [0.2, 0.4]
-        assert all(one.sensor_names == {304: "atis"} for one in thresholds)
-        assert all(304 in one.widths(EI) for one in thresholds)
+        assert all((304, "atis") in one.sensors(EI) for one in thresholds)
     (alone,) = by_threshold(own)
     assert (alone.contrast_threshold, alone.photoreceptor) == (0.13, "v2e")
 
@@ -110,7 +109,9 @@ def test_a_camera_with_its_own_photoreceptor_names_no_reading() -> None:
         "two_pole": "two_pole",
         "v2e": "v2e",
     }
-    assert all(scores.widths(EI) == list(WIDTHS) for (scores,) in found.values())
+    assert all(
+        [one.width for one in scores.sensors(EI)] == [*WIDTHS] for (scores,) in found.values()
+    )
 
 
 def test_leads_by_reading_are_beside_the_papers() -> None:

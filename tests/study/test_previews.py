@@ -16,7 +16,7 @@ from eres_render.storage.settings_reader import read_typed
 from sensor import Events, SensorModel
 from tasks.errors import ResultError
 from tasks.evaluation.setting import Setting
-from tasks.study.results.asked import CutoffInLux
+from tasks.study.results.asked import CutoffInLux, SensorId, sensor_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights
 from tasks.study.run.jobs import QueuedJob
@@ -75,11 +75,13 @@ def test_sensors_of_all_shapes_show_the_same_part_of_the_frame() -> None:
     )
     films = {}
     for width, height in ((64, 64), (24, 32), (32, 16)):
-        films[width, 50.0] = film = Film.of(SensorModel(width=width, height=height), 64, 64)
+        films[SensorId(width), 50.0] = film = Film.of(
+            SensorModel(width=width, height=height), 64, 64
+        )
         assert film.part_px == 16
         assert film.sums.shape[1] == (16 if width == 64 else 8)
     files = preview_files(job, [frame] * FILM_PICTURES, films)
-    for (width, _), film in films.items():
+    for ((width, _), _), film in films.items():
         strip = np.asarray(Image.open(io.BytesIO(files[f"hall_events_{width}_50.webp"])))
         first = strip[:, : film.sums.shape[1], 0]
         assert np.unravel_index(first.argmax(), first.shape) == (0, 0)
@@ -163,20 +165,26 @@ def test_a_film_is_bounded_and_keeps_every_event() -> None:
 
 
 def test_the_files_of_a_scene_are_listed() -> None:
-    """A frame and a film for each sensor, with entries that the report reads; the frame is the last
-    one, tone-mapped with a gamma of 2.2."""
+    """A frame and a film for each sensor, two of one width and one light included, with entries
+    that the report reads; the frame is the last one, tone-mapped with a gamma of 2.2."""
     job = SimpleNamespace(
         scene=SimpleNamespace(name="hall"),
         simulate=SimpleNamespace(speeds=(1.5,)),
         render=SimpleNamespace(resolution=64),
     )
     frames = [np.full((64, 64), i / 10, np.float32) for i in range(FILM_PICTURES)]
-    sensors = [(width, cutoff_hz) for width in (16, 64) for cutoff_hz in (np.inf, 50.0)]
-    films = {one: Film.of(SensorModel(width=one[0], height=one[0]), 64, 64) for one in sensors}
+    sensors = SensorId(16), SensorId(64, "a/b"), SensorId(64, "b"), SensorId(64)
+    films = {
+        (one, cutoff_hz): Film.of(SensorModel(width=one.width, height=one.width), 64, 64)
+        for one in sensors
+        for cutoff_hz in (np.inf, 50.0)
+    }
     files = preview_files(job, frames, films)
     entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)
     assert [one.file for one in entries] + ["hall.json"] == list(files)
-    assert [one.shows_film for one in entries] == [False, True, True, True, True]
+    assert [one.shows_film for one in entries] == [False, *[True] * 8]
+    assert [sensor_of(one) for one in entries[1::2]] == [*sensors]
+    assert [one.caption for one in entries[1::2]] == ["16 px", "a/b", "b", "64 px"]
     assert {(one.scene, one.speed) for one in entries} == {("hall", 1.5)}
     frame = np.asarray(Image.open(io.BytesIO(files["hall_frame_64_inf.png"])))
     assert (frame == int(255 * 0.7 ** (1 / 2.2))).all()
@@ -192,7 +200,7 @@ def test_entries_say_the_light_to_the_last_digit() -> None:
     lights = [np.inf, CutoffInLux(1234.567), 123.45678]
     film = Film.of(SensorModel(width=16, height=16), 64, 64)
     frames = [np.ones((64, 64), np.float32)] * FILM_PICTURES
-    files = preview_files(job, frames, {(16, light): film for light in lights})
+    files = preview_files(job, frames, {(SensorId(16), light): film for light in lights})
     entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)
     shown = [(one.cutoff_hz, one.illuminance_lux) for one in entries if one.shows_film]
     assert shown == [(np.inf, 0.0), (float(lights[1]), 1234.567), (123.45678, 0.0)]

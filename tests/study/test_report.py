@@ -180,6 +180,20 @@ def test_each_scene_has_its_answers_and_speeds(tmp_path: Path) -> None:
     assert len(found) == 3 * 3 * 3
 
 
+def test_the_answer_names_one_of_two_sensors_of_one_width(tmp_path: Path) -> None:
+    """Promise: without another width the page names the better sensor, and says how near is as
+    good."""
+    fine = [row for row in paper_rows() if row.width == 1280]
+    rows = [
+        replace(r, sensor=name, value=r.value + gain)
+        for name, gain in (("a", 0), ("b", 1))
+        for r in fine
+    ]
+    page = html_of(tmp_path, rows)
+    assert {told.width for told in answers_of(page).values()} == {"b"}
+    assert "<li>as good within 0.1 dB</li>" in page
+
+
 def test_the_answer_is_at_the_speeds_of_most_methods(tmp_path: Path) -> None:
     """Promise: a method at a speed of its own, 10, has no column of dashes, nor have the others;
     two methods at different speeds say where the study has no score."""

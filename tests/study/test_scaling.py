@@ -185,9 +185,13 @@ def test_sensors_with_other_cutoffs_in_the_same_light_share_a_plot() -> None:
 
 
 def test_sensors_have_their_names_in_the_plot() -> None:
-    """Promise: keys and marks have the name of a camera, and the width of one without."""
-    shown = interval_plot(made(), names={128: "small camera"})
-    names = ["small camera", *(f"{width} px" for width in WIDTHS[1:])]
+    """Promise: keys and marks have the name of a camera, and the width of one without; two of one
+    width have a curve each."""
+    of_small = [one for one in made().intervals if one.width == 128]
+    cameras = [replace(one, sensor=name) for name in ("small", "other") for one in of_small]
+    plain = [one for one in made().intervals if one.width > 128]
+    shown = interval_plot(replace(made(), intervals=(*cameras, *plain)))
+    names = ["other", "small", *(f"{width} px" for width in WIDTHS[1:])]
     assert [key.name for key in shown.keys] == names
     points = [point for panel in shown.panels for line in panel.lines for point in line.points]
     assert {point.lines[0] for point in points} == {*names}

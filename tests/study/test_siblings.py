@@ -7,19 +7,22 @@ import pytest
 
 from eres_render import load_scene, render_scene
 from eres_render.progress import silent
+from sensor import SensorModel
 from small_study import only
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.study.config import DenseFlow, Flow, Reconstruction, Render, Simulate, Study, Tracking
 from tasks.study.run.compute import compute_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
+from tasks.study.sensors import StudySensor
 
 RENDER = Render(resolution=64, spp=1, max_displacement_px=0.5, samples=1)
 EVALUATE = only(
     reconstruction=Reconstruction(),
-    flow=Flow(methods=("contrast_maximization", "initial_flow"), features=3),
+    flow=Flow(methods=("photometric_flow", "contrast_maximization", "initial_flow"), features=3),
     dense_flow=DenseFlow(methods=("zero_flow",), features=2),
     tracking=Tracking(sigmas_mm=(5.0,), max_events=2000),
 )
+ROWS = 2 + 3 * 3 + 2 + 2  # of a setting
 ALONE = Simulate(widths=(32,), cutoffs_hz=(math.inf,), speeds=(1.0,))
 # Each shares one setting with every other one, or nothing but that setting: 32 px, C = 0.2,
 # speed 1, two poles, in ideal light or at 200 Hz, at the first sample.
@@ -36,6 +39,22 @@ STUDIES = {
     "other thresholds": replace(
         ALONE, cutoffs_hz=(math.inf, 200.0, 1000.0), contrast_thresholds=(0.4, 0.1, 0.2)
     ),
+}
+# Two cameras as wide as a plain sensor: one differs in dark level, and one in fill factor.
+PLAIN = replace(ALONE, widths=(43,))
+MODEL = SensorModel(width=43, height=43, dark_level=1e-3)
+CAMERAS = tuple(
+    StudySensor(name=name, in_light=(replace(MODEL, **own),), own=("contrast_thresholds",))
+    for name, own in (
+        ("dark", {"contrast_threshold": 0.1, "dark_level": 0.02}),
+        ("small", {"contrast_threshold": 0.15, "fill_factor": 0.2}),
+    )
+)
+STUDIES |= {
+    "plain alone": PLAIN,
+    "dark alone": replace(PLAIN, widths=(), sensors=CAMERAS[:1]),
+    "small alone": replace(PLAIN, widths=(), sensors=CAMERAS[1:]),
+    "one width": replace(PLAIN, sensors=CAMERAS),
 }
 
 
@@ -69,8 +88,23 @@ def test_a_row_alone_equals_the_row_beside_others(studies):
             for key, row in studies[name].items():
                 assert studies[other][key] == row, (name, other, row.task, row.method)
                 shared += 1
-    assert shared == 2 * 2 * (2 + 6 + 2 + 2)
+    assert shared == 2 * 2 * ROWS
     assert len(studies["slow and fast"]) > 20 * len(studies["ideal alone"])
+
+
+def test_sensors_of_one_width_are_scored_with_their_own_frames(studies):
+    """Promise: beside two others of its width each has the rows that it has alone, to the bit: the
+    truth has its own dark level, and the image for photometric flow its own fill factor too."""
+    beside = studies["one width"]
+    for name in ("plain", "dark", "small"):
+        alone = studies[f"{name} alone"]
+        assert len(alone) == ROWS
+        assert {key: beside.get(key) for key in alone} == alone
+    assert len(beside) == 3 * ROWS
+    nothing = {row.sensor: row.value for row in beside.values() if row.method == "no_events"}
+    assert nothing["dark"] != nothing["small"] == nothing[""]
+    flow = [row for row in beside.values() if row.method == "photometric_flow"]
+    assert len({row.value for row in flow if not row.failure}) >= 6
 
 
 def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):

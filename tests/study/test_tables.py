@@ -65,7 +65,7 @@ def test_ours_the_papers_and_the_difference_stand_side_by_side() -> None:
     entry = block.lines[0].entries[0]
     assert entry.paper == 15.389
     assert entry.difference == pytest.approx(16.0 - 15.389)
-    assert [line.width for line in block.lines] == [128, 1280, None]
+    assert [line.sensor for line in block.lines] == [(128, ""), (1280, ""), None]
 
 
 def test_the_best_of_a_column_is_marked_and_the_baseline_is_not() -> None:
@@ -224,7 +224,7 @@ def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:
     rows[-1] = replace(rows[-1], value=13.0)
     rows[-2] = replace(rows[-2], value=13.0)
     lines = comparison_table(Scores(rows), EI).blocks[0].lines[2:]
-    assert [(line.width, line.entries[0].cell.median) for line in lines] == [
+    assert [(line.sensor.width, line.entries[0].cell.median) for line in lines] == [
         (128, 12.0),
         (1280, 13.0),
     ]

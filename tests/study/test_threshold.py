@@ -99,7 +99,7 @@ def test_the_first_threshold_of_the_rows_comes_first() -> None:
     found = by_threshold(several(usual_rows()))
     assert [scores.contrast_threshold for scores in found] == [0.2, 0.1, 0.4]
     for scores in found:
-        assert scores.widths(EI) == list(WIDTHS)
+        assert [one.width for one in scores.sensors(EI)] == list(WIDTHS)
     with pytest.raises(ResultError, match="no rows"):
         by_threshold([])
 
@@ -289,7 +289,8 @@ def test_a_camera_with_its_own_threshold_names_none_of_the_run(tmp_path) -> None
     run = run_of(tmp_path, own + others)
     ((first, second),) = scores_of_run(run).values()
     assert (first.contrast_threshold, second.contrast_threshold) == (0.1, 0.2)
-    assert first.contrast_thresholds == {128: 0.3} | dict.fromkeys(WIDTHS[1:], 0.1)
+    found = {sensor.label: threshold for sensor, threshold in first.contrast_thresholds.items()}
+    assert found == {f"cam {width}": 0.3 if width == 128 else 0.1 for width in WIDTHS}
     page = page_of(run)
     assert "The whole page uses a contrast threshold of 0.1" in page
     assert re.findall(r">C = ([\d.]+)", page) == ["0.1", "0.2"] * 2

@@ -1,11 +1,10 @@
 """The costs of a run: stored for each job, reported as rates and times of an estimate."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 
@@ -82,9 +81,8 @@ def test_times_of_stages_that_share_the_cores_add_up() -> None:
         assert sum(found.values()) == pytest.approx(waiting_s + 9.0)
 
 
-def costs_html(parts: list[JobTimings], names: Mapping[int, str] = MappingProxyType({})) -> str:
-    scores = SimpleNamespace(sensor_names=names)
-    return section("timings.html", run=SimpleNamespace(timings=parts, scores=scores))
+def costs_html(parts: list[JobTimings]) -> str:
+    return section("timings.html", run=SimpleNamespace(timings=parts))
 
 
 def cells(page: str) -> dict[str, list[str]]:
@@ -127,6 +125,8 @@ def test_rates_and_times_are_those_of_the_jobs() -> None:
 def test_methods_have_a_column_for_each_camera_by_its_name() -> None:
     """Promise: as in the rest of the page; a sensor without a name has its width."""
     assert ">640 px<" in costs_html([JOB])
-    named = costs_html([JOB], {640: "my camera"})
+    flow = [replace(FLOW, sensor=name) for name in ("my camera", "theirs")]
+    named = costs_html([replace(JOB, methods=tuple(flow))])
     assert ">my camera<" in named
+    assert ">theirs<" in named
     assert ">640 px<" not in named

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
-from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.asked import MetersPerSecond, sensor_of
 from tasks.study.results.cells import Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
@@ -97,9 +97,10 @@ def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
         in_m_s = any(isinstance(c.speed, MetersPerSecond) for c in here)  # flow at a factor too
         speeds_of: dict[str, list[str]] = {}
         for speed in sorted({c.speed for c in gone}):
-            widths = sorted(c.width for c in gone if c.speed == speed)
-            of_all = len(widths) == len({c.width for c in here})
-            named = "all widths" if of_all else f"{join_words([str(w) for w in widths])} px"
+            sensors = sorted(sensor_of(c) for c in gone if c.speed == speed)
+            of_all = len(sensors) == len({sensor_of(c) for c in here})
+            unit = "" if sensors[-1].name else " px"
+            named = "all widths" if of_all else f"{join_words([*map(str, sensors)])}{unit}"
             label = speed_label("", speed).removeprefix("" if in_m_s else "speed ")
             speeds_of.setdefault(named, []).append(label)
         unit = "" if in_m_s else "speed "

@@ -9,6 +9,7 @@ from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores
 from tasks.study.claims.reconstruction import EVENT_INTEGRATION
 from tasks.study.claims.statistics import IDEAL, log2, pixel_rate, slope, smallest_fall
 from tasks.study.claims.verdict import Status, settled
+from tasks.study.results.asked import SensorId
 from tasks.study.results.intervals import Estimate
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import FIT_PX, Scaling, Slopes
@@ -47,7 +48,7 @@ def _modes(on: SceneScores) -> Reading:
     lines, holds = [], True
     for cutoff_hz, speed in settings:
         name = f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}"
-        modes = {width: scaling.mode_us(width, cutoff_hz, speed) for width in WIDTHS}
+        modes = {width: scaling.mode_us(SensorId(width), cutoff_hz, speed) for width in WIDTHS}
         if missing := [str(width) for width, mode in modes.items() if mode is None]:
             raise NotMeasured(f"not measured at {', '.join(missing)} px, {name}")
         known = [mode for mode in modes.values() if mode is not None]

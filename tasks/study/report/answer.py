@@ -167,7 +167,7 @@ def sample_worth(run: FinishedRun) -> str:
     for scene in run.scenes:
         of_scene = [(worth.get((one, scene)), run.scores.samples(one, scene)) for one in first]
         columns.append([scene, *(f"{n:.2g} of {count}" if n else MISSING for n, count in of_scene)])
-    fine, coarse = map(run.scores.sensor_label, next(iter(first.values())).widths)
+    fine, coarse = (one.label for one in next(iter(first.values())).sensors)
     text = (
         "Intervals take the samples of a scene as independent. By the correlation of neighbors on "
         f"the path they are worth fewer. For the lead of {fine} over {coarse}, "

@@ -16,7 +16,7 @@ from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
-from tasks.study.results.asked import InLight, light_of
+from tasks.study.results.asked import InLight, SensorId, light_of, sensor_of
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
@@ -89,14 +89,14 @@ class FinishedRun:
         return escape(json.dumps(self.config, indent=2, ensure_ascii=False), quote=False)
 
     @cached_property
-    def buses_hz(self) -> dict[int, float]:
-        """Return the capacity of each sensor's bus, events/s, by width in px.
+    def buses_hz(self) -> dict[SensorId, float]:
+        """Return the capacity of each sensor's bus, events/s.
 
         A sensor without a bus has the fastest of real cameras up to the finest sensor.
         """
-        widths = sorted({width for one in self.series for width in self.scores.widths(one)})
-        usual = usual_bus_hz(widths[-1])
-        return {width: self.scores.buses_hz.get(width, usual) for width in widths}
+        sensors = sorted({sensor for one in self.series for sensor in self.scores.sensors(one)})
+        usual = usual_bus_hz(sensors[-1].width)
+        return {sensor: self.scores.buses_hz.get(sensor, usual) for sensor in sensors}
 
     @property
     def buses_differ(self) -> bool:
@@ -136,12 +136,12 @@ class FinishedRun:
 
     @cached_property
     def previews(self) -> dict[str, list[Preview]]:
-        """Return the pictures of each scene, by falling cutoff, then rising speed and width."""
+        """Return the pictures of each scene, by falling cutoff, then rising speed and sensor."""
         index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
         lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]
-        for entry in sorted(lit, key=lambda one: (-one.cutoff_hz, one.speed, one.width)):
+        for entry in sorted(lit, key=lambda one: (-one.cutoff_hz, one.speed, sensor_of(one))):
             found[entry.scene].append(entry)
         return found
 

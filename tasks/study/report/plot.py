@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from types import MappingProxyType
 
 from tasks.metric import number_text
+from tasks.study.results.asked import SensorId
 
 COLORS = {
     "ink": ("#1d2126", "#e6e6e1"),
@@ -223,34 +223,26 @@ def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> 
     return False
 
 
-def width_keys(
-    widths: Iterable[int], names: Mapping[int, str] = MappingProxyType({}), *, labeled: bool = False
-) -> list[Key]:
-    """Give each sensor width a color and a mark.
+def sensor_keys(sensors: Iterable[SensorId], *, labeled: bool = False) -> list[Key]:
+    """Give each sensor a color and a mark.
 
     Parameters
     ----------
-    widths
-        Sensor widths, px, from coarse to fine.
-    names
-        Names of the sensors that have one, by width.
+    sensors
+        The sensors, from coarse to fine.
     labeled
         Whether the plot shows the name or the width at the first point.
 
     Returns
     -------
     list of Key
-        One key per width.
+        One key per sensor.
     """
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))
     return [
-        Key(
-            names.get(width, f"{width} px"),
-            *(color, mark),
-            names.get(width, str(width)) if labeled else "",
-        )
-        for width, (color, mark) in zip(widths, looks, strict=False)
+        Key(one.label, color, mark, str(one) if labeled else "")
+        for one, (color, mark) in zip(sensors, looks, strict=False)
     ]
 
 

@@ -38,7 +38,7 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
         for block in table.blocks:
             for line in block.lines:
                 series = table.series._replace(method=_method(table, line))
-                place = series, block.scene, block.speed, line.width, line.contrast_threshold
+                place = series, block.scene, block.speed, line.sensor, line.contrast_threshold
                 if place in written:
                     continue
                 written.add(place)
@@ -54,7 +54,7 @@ def _method(table: ComparisonTable, line: Line) -> str:
 def _csv_line(
     table: ComparisonTable, block: Block, line: Line, cutoff_hz: float, entry: Entry
 ) -> list[str | int | float]:
-    cell, series = entry.cell, table.series
+    cell, series, (width, sensor) = entry.cell, table.series, line.sensor or ("", "")
     rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
     numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
     numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
@@ -64,8 +64,8 @@ def _csv_line(
         *(block.scene, series.task),
         _method(table, line),
         *(series.variant, series.metric),
-        *(line.width or "", line.sensor),
-        "" if line.sensor and lux_of(cutoff_hz) else cutoff_hz,
+        *(width, sensor),
+        "" if sensor and lux_of(cutoff_hz) else cutoff_hz,
         lux_of(cutoff_hz) or "",
         line.contrast_threshold,
         *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),

@@ -18,7 +18,7 @@ from tasks.study.report.sections import (
     timings,
     tradeoff,
 )
-from tasks.study.results import comparison, perturbation, scores, words
+from tasks.study.results import asked, comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import BRACKETS
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
@@ -44,7 +44,7 @@ TEMPLATES.globals |= {
 }
 for _module in (
     *(failures, matrix, scaling, threshold, timings, tradeoff),
-    *(comparison, perturbation, scores, verdict, words),
+    *(asked, comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {
         name: one

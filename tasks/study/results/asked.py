@@ -1,4 +1,4 @@
-"""Lights and speeds in the units of a study: numbers by which conditions are sorted and named.
+"""Sensors, lights and speeds as a study gives them, by which conditions are sorted and named.
 
 A light in lux is its cutoff in Hz, and sorts among cutoffs. A speed in m/s equals no factor on the
 base speed, so it matches no condition of the paper, whose speeds are factors.
@@ -6,10 +6,35 @@ base speed, so it matches no condition of the paper, whose speeds are factors.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from sensor.model import cutoff_in_light
 from tasks.row import Row
+
+
+class SensorId(NamedTuple):
+    """What tells a sensor of a study from the others; its text is its name, or else its width."""
+
+    width: int  # px
+    name: str = ""  # "" for a plain sensor
+
+    def __str__(self) -> str:
+        return self.name or str(self.width)
+
+    @property
+    def label(self) -> str:
+        """Name of the sensor, or its width with the unit."""
+        return self.name or f"{self.width} px"
+
+
+class OfSensor(Protocol):
+    """What has the width of a sensor, px, and its name."""
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def sensor(self) -> str: ...
 
 
 class InLight(Protocol):
@@ -50,6 +75,11 @@ class MetersPerSecond(float):
 
     def __hash__(self) -> int:
         return hash((MetersPerSecond, float(self)))
+
+
+def sensor_of(one: OfSensor) -> SensorId:
+    """Return the sensor of a row, a condition, a picture or a histogram."""
+    return SensorId(one.width, one.sensor)
 
 
 def light_of(one: InLight) -> float:

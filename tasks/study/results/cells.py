@@ -20,6 +20,7 @@ class Condition(NamedTuple):
     width: int  # px
     cutoff_hz: float  # `CutoffInLux` where the study asks in lux
     speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
+    sensor: str = ""  # its name; "" for a plain sensor
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Choose a resolution for a condition, from the scores of a run."""
+"""Choose a sensor for a condition, from the scores of a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL, Metric
 from tasks.registry import TASKS
-from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.asked import MetersPerSecond, SensorId
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import estimate
@@ -18,66 +18,66 @@ from tasks.study.results.scores import Scores
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Result of the rule for a set of widths.
+    """Result of the rule for a set of sensors.
 
     Attributes
     ----------
     best
-        Width with the best median, px.
+        Sensor with the best median.
     enough
-        Smallest width with a median within the negligible difference of the best, px. If
-        `worthwhile`, it also beats doing nothing.
+        Sensor of the smallest width with a median within the negligible difference of the best; of
+        several, the one with the best median. If `worthwhile`, it also beats doing nothing.
     worthwhile
-        Whether `best` beats doing nothing by more than the negligible difference. If not, no width
+        Whether `best` beats doing nothing by more than the negligible difference. If not, no sensor
         is recommended.
     gaining
-        Widths that beat doing nothing, px.
+        Sensors that beat doing nothing.
     """
 
-    best: int
-    enough: int
+    best: SensorId
+    enough: SensorId
     worthwhile: bool
-    gaining: frozenset[int]
+    gaining: frozenset[SensorId]
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Best width under one condition, and the smallest that is as good.
+    """Best sensor under one condition, and the smallest that is as good.
 
     Attributes
     ----------
     event_rates_hz
-        Median event rate by width in px.
+        Median event rate by sensor.
     best, enough, worthwhile
-        Result of the rule for all widths, as in `Pick`.
+        Result of the rule for all sensors, as in `Pick`.
     tied
-        Smallest width, smaller than `enough`, that beats doing nothing and that the samples do not
-        separate from the best: the paired 95 % interval of the difference contains zero. None if
-        there is none, or the samples are too few for an interval.
+        Sensor of the smallest width, smaller than that of `enough`, that beats doing nothing and
+        that the samples do not separate from the best: the paired 95 % interval of the difference
+        contains zero. None if there is none, or the samples are too few for an interval.
     on_buses
-        `enough` of the widths that a bus carries, by the capacity of each bus of real cameras in
+        `enough` of the sensors that a bus carries, by the capacity of each bus of real cameras in
         events/s; None if none of them is worthwhile.
     paper
-        `enough` from the paper's medians; None if the paper lacks one of the widths.
+        `enough` from the paper's medians; None if the paper lacks one of the sensors.
     """
 
-    event_rates_hz: Mapping[int, float]
-    best: int
-    enough: int
+    event_rates_hz: Mapping[SensorId, float]
+    best: SensorId
+    enough: SensorId
     worthwhile: bool
-    tied: int | None
-    on_buses: Mapping[float, int | None]
-    paper: int | None
+    tied: SensorId | None
+    on_buses: Mapping[float, SensorId | None]
+    paper: SensorId | None
 
 
 Choices = dict[tuple[str, float, float], Choice | None]
-"""Choices by scene, cutoff in Hz and speed; None if a width lacks samples."""
+"""Choices by scene, cutoff in Hz and speed; None if a sensor lacks samples."""
 
 
 def choose(
     scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
 ) -> Choice | None:
-    """Choose a width for one condition.
+    """Choose a sensor for one condition.
 
     Parameters
     ----------
@@ -95,33 +95,33 @@ def choose(
     Returns
     -------
     Choice or None
-        None if a width lacks samples.
+        None if a sensor lacks samples.
     """
     metric = TASKS[series.task].metric
     sign = metric.sign
     cells = {}
-    medians: dict[int, float] = {}
-    rates: dict[int, float] = {}
-    nothing: dict[int, float] = {}
-    printed: dict[int, float] = {}
-    for width in scores.widths(series, scene):
-        condition = Condition(scene, width, cutoff_hz, speed)
+    medians: dict[SensorId, float] = {}
+    rates: dict[SensorId, float] = {}
+    nothing: dict[SensorId, float] = {}
+    printed: dict[SensorId, float] = {}
+    for sensor in scores.sensors(series, scene):
+        condition = Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
         if (median := scores.published(series, condition)) is not None:
-            printed[width] = median
+            printed[sensor] = median
         if (idle := scores.baseline(series, condition).median) is not None:
-            nothing[width] = idle
+            nothing[sensor] = idle
         cell = scores.cell(series, condition)
         if cell.median is None or cell.event_rate_hz is None:
             return None
-        cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
+        cells[sensor], medians[sensor], rates[sensor] = cell, cell.median, cell.event_rate_hz
     picked = pick(medians, nothing, metric)
-    on_buses: dict[float, int | None] = {}
+    on_buses: dict[float, SensorId | None] = {}
     for capacity_hz in capacities_hz():
-        carried = {w: median for w, median in medians.items() if rates[w] <= capacity_hz}
+        carried = {one: median for one, median in medians.items() if rates[one] <= capacity_hz}
         found = pick(carried, nothing, metric) if carried else None
         on_buses[capacity_hz] = found.enough if found and found.worthwhile else None
     best = cells[picked.best]
-    smaller = [width for width in cells if width < picked.enough and width in picked.gaining]
+    smaller = [one for one in cells if one.width < picked.enough.width and one in picked.gaining]
     if best.samples < MIN_SAMPLES_FOR_INTERVAL:
         smaller = []
     return Choice(
@@ -129,38 +129,43 @@ def choose(
         best=picked.best,
         enough=picked.enough,
         worthwhile=picked.worthwhile,
-        tied=next((width for width in smaller if _tied(best, cells[width], sign)), None),
+        tied=next((one for one in smaller if _tied(best, cells[one], sign)), None),
         on_buses=on_buses,
         paper=pick(printed, {}, metric).enough if len(printed) == len(medians) else None,
     )
 
 
-def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Metric) -> Pick:
+def pick(
+    medians: Mapping[SensorId, float], nothing: Mapping[SensorId, float], metric: Metric
+) -> Pick:
     """Apply the rule to median scores.
 
     Parameters
     ----------
     medians
-        Median score by width in px.
+        Median score by sensor.
     nothing
-        Median score of doing nothing by width in px; widths can be missing.
+        Median score of doing nothing by sensor; sensors can be missing.
     metric
         Metric of the scores.
 
     Returns
     -------
     Pick
-        Each width is compared with doing nothing at the same width.
+        Each sensor is compared with doing nothing with the same sensor.
     """
 
-    def gain(width: int) -> float:
-        return metric.sign * (medians[width] - nothing[width]) if width in nothing else math.inf
+    def gain(one: SensorId) -> float:
+        return metric.sign * (medians[one] - nothing[one]) if one in nothing else math.inf
 
-    best = max(sorted(medians), key=lambda width: metric.sign * medians[width])
+    best = max(sorted(medians), key=lambda one: metric.sign * medians[one])
     worthwhile = gain(best) > metric.negligible
-    near = [w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible]
-    enough = min(w for w in near if not worthwhile or gain(w) > 0)
-    return Pick(best, enough, worthwhile, frozenset(w for w in medians if gain(w) > 0))
+    near = [one for one in medians if abs(medians[best] - medians[one]) <= metric.negligible]
+    enough = min(
+        (one for one in near if not worthwhile or gain(one) > 0),
+        key=lambda one: (one.width, -metric.sign * medians[one], one.name),
+    )
+    return Pick(best, enough, worthwhile, frozenset(one for one in medians if gain(one) > 0))
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:
@@ -171,7 +176,7 @@ def _tied(best: Cell, other: Cell, sign: float) -> bool:
 
 
 def choose_all(scores: Scores, series: Series) -> Choices:
-    """Choose a width for every condition of a series.
+    """Choose a sensor for every condition of a series.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
+from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.choice import pick
 from tasks.study.results.metrics import Series
@@ -29,7 +30,7 @@ class Entry:
 
     cell: Cell
     paper: float | None
-    best: bool = False  # of the widths in this column; False if one is missing
+    best: bool = False  # of the sensors in this column; False if one is missing
     paper_best: bool = False
     enough: bool = False  # smallest as good as the best, as in `Pick`; False if none is worthwhile
     paper_enough: bool = False
@@ -45,21 +46,20 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One width across the cutoffs, for the method or for doing nothing.
+    """One sensor across the cutoffs, for the method or for doing nothing.
 
-    `width` is None if doing nothing has the same score at every width.
+    `sensor` is None if doing nothing has the same score with every sensor.
     """
 
-    width: int | None
+    sensor: SensorId | None
     entries: tuple[Entry, ...]
     contrast_threshold: float  # a camera may have its own
     nothing: bool = False
-    sensor: str = ""  # its name; "" for a plain sensor
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """All widths on one scene at one speed; the last lines are those of doing nothing."""
+    """All sensors on one scene at one speed; the last lines are those of doing nothing."""
 
     scene: str
     speed: float
@@ -78,7 +78,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """Our medians and the paper's. Rows: scene x speed x width; columns: cutoffs.
+    """Our medians and the paper's. Rows: scene x speed x sensor; columns: cutoffs.
 
     `asks_as_paper` is that of `Scores`.
     """
@@ -179,36 +179,36 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    widths = scores.widths(series, scene)
+    sensors = scores.sensors(series, scene)
     columns, nothings = [], []
     for cutoff_hz in cutoffs_hz:
-        where = [Condition(scene, width, cutoff_hz, speed) for width in widths]
+        where = [Condition(scene, one.width, cutoff_hz, speed, one.name) for one in sensors]
         cells = [scores.cell(series, condition) for condition in where]
         nothing = [scores.baseline(series, condition) for condition in where]
         paper = [scores.published(series, condition) for condition in where]
-        best, enough = _picked(widths, [c.median for c in cells], nothing, series)
-        paper_best, paper_enough = _picked(widths, paper, [], series)
+        best, enough = _picked(sensors, [c.median for c in cells], nothing, series)
+        paper_best, paper_enough = _picked(sensors, paper, [], series)
         columns.append(
             [
                 Entry(
-                    *(cell, value, width == best, width == paper_best),
-                    *(width == enough, width == paper_enough, beats(cell, idle, series)),
+                    *(cell, value, one == best, one == paper_best),
+                    *(one == enough, one == paper_enough, beats(cell, idle, series)),
                 )
-                for width, cell, value, idle in zip(widths, cells, paper, nothing, strict=True)
+                for one, cell, value, idle in zip(sensors, cells, paper, nothing, strict=True)
             ]
         )
         nothings.append([Entry(cell, None) for cell in nothing])
 
     def line_of(i: int, columns: list[list[Entry]], nothing: bool) -> Line:
-        entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[widths[i]]
-        return Line(widths[i], entries, threshold, nothing, scores.sensor_names.get(widths[i], ""))
+        entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[sensors[i]]
+        return Line(sensors[i], entries, threshold, nothing)
 
-    lines = [line_of(i, columns, nothing=False) for i in range(len(widths))]
+    lines = [line_of(i, columns, nothing=False) for i in range(len(sensors))]
     if all(_same([entry.cell.median for entry in column]) for column in nothings):
         of_all = tuple(column[0] for column in nothings)
         idle_lines = [Line(None, of_all, scores.contrast_threshold, nothing=True)]
     else:
-        idle_lines = [line_of(i, nothings, nothing=True) for i in range(len(widths))]
+        idle_lines = [line_of(i, nothings, nothing=True) for i in range(len(sensors))]
     return Block(scene, speed, (*lines, *idle_lines))
 
 
@@ -220,13 +220,20 @@ def _same(values: list[float | None]) -> bool:
 
 
 def _picked(
-    widths: Sequence[int], values: Sequence[float | None], nothing: Sequence[Cell], series: Series
-) -> tuple[int | None, int | None]:
-    """Return the best width and the smallest that is enough; None if a value is missing."""
-    medians = {w: value for w, value in zip(widths, values, strict=True) if value is not None}
-    if len(medians) < len(widths):
+    sensors: Sequence[SensorId],
+    values: Sequence[float | None],
+    nothing: Sequence[Cell],
+    series: Series,
+) -> tuple[SensorId | None, SensorId | None]:
+    """Return the best sensor and the smallest that is enough; None if a value is missing."""
+    medians = {one: value for one, value in zip(sensors, values, strict=True) if value is not None}
+    if len(medians) < len(sensors):
         return None, None
-    idle = {w: c.median for w, c in zip(widths, nothing, strict=False) if c.median is not None}
+    idle = {
+        one: cell.median
+        for one, cell in zip(sensors, nothing, strict=False)
+        if cell.median is not None
+    }
     found = pick(medians, idle, TASKS[series.task].metric)
     return found.best, found.enough if found.worthwhile else None
 
@@ -252,7 +259,7 @@ def _difference(series: Series, entry: Entry, line: Line) -> str:
 
 def _native(series: Series, entry: Entry, line: Line) -> str:
     native = native_px(entry.cell.median, line, series)
-    return "" if line.width is None else _number(series, native)
+    return "" if line.sensor is None else _number(series, native)
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:
@@ -276,7 +283,7 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
     value
         Score in the unit of the metric, or None.
     line
-        Line of the table; sets the width.
+        Line of the table; sets the sensor.
     series
         Method and task; sets the metric.
 
@@ -286,9 +293,9 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
         Score in px, or None if it is missing or not in pixels.
     """
     reference_px = TASKS[series.task].metric.reference_width_px
-    if value is None or line.width is None or reference_px is None:
+    if value is None or line.sensor is None or reference_px is None:
         return None
-    return value * line.width / reference_px
+    return value * line.sensor.width / reference_px
 
 
 def line_label(line: Line, series: Series) -> str:
@@ -306,7 +313,7 @@ def line_label(line: Line, series: Series) -> str:
     str
         Width, after the sensor's name if it has one; or name of the do-nothing method.
     """
-    if not line.nothing:
-        return f"{line.sensor}, {line.width} px" if line.sensor else f"{line.width} px"
-    label = TASKS[series.task].label(TASKS[series.task].baseline)
-    return label if line.width is None else f"{label}, {line.width} px"
+    parts = [TASKS[series.task].label(TASKS[series.task].baseline)] if line.nothing else []
+    if line.sensor is not None:
+        parts += [*filter(None, [line.sensor.name]), f"{line.sensor.width} px"]
+    return ", ".join(parts)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.registry import TASKS
+from tasks.study.results.asked import SensorId, sensor_of
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores, base_speed
 from tasks.variants import sigma_mm
@@ -46,9 +47,9 @@ def sweep(scores: Scores, method: str) -> list[Series]:
 
 
 def ideal_success(scores: Scores, series: Series) -> float | None:
-    """Return the share of successful trials in ideal light at base speed, median over widths.
+    """Return the share of successful trials in ideal light at base speed, median over sensors.
 
-    Trials of all scenes count. The median over widths is used because the coarsest sensors can fail
+    Trials of all scenes count. The median over sensors is used as the coarsest ones can fail
     from any perturbation (the paper's 128 px is erratic too).
 
     Parameters
@@ -63,13 +64,13 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
     float or None
         Share between 0 and 1, over conditions with all trials; None without any.
     """
-    failed: dict[int, list[NDArray[np.bool_]]] = {}
+    failed: dict[SensorId, list[NDArray[np.bool_]]] = {}
     conditions = scores.conditions(series)
     base = base_speed(scores, series) if conditions else None
     for where in conditions:
         cell = scores.cell(series, where)
         if math.isinf(where.cutoff_hz) and where.speed == base and cell.complete:
-            failed.setdefault(where.width, []).append(cell.failed)
+            failed.setdefault(sensor_of(where), []).append(cell.failed)
     shares = [1 - np.concatenate(cells).mean() for cells in failed.values()]
     return float(np.median(shares)) if shares else None
 

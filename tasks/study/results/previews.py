@@ -27,8 +27,8 @@ class Preview:
     scene, speed, width, cutoff_hz
         The scene, the factor on the base speed, and the sensor (px, Hz); in lux, the cutoff of
         plain sensors.
-    illuminance_lux
-        As in `tasks.row.Row`. Runs of older versions lack it.
+    illuminance_lux, sensor
+        As in `tasks.row.Row`. Runs of older versions lack them.
     """
 
     file: str
@@ -39,6 +39,7 @@ class Preview:
     cutoff_hz: FloatOrInf
     caption: str
     illuminance_lux: float = 0.0
+    sensor: str = ""
 
     @property
     def shows_film(self) -> bool:

@@ -1,4 +1,4 @@
-"""Compare photoreceptors by the lead of the finest sensor and by the choice of a width."""
+"""Compare photoreceptors by the lead of the finest sensor and by the choice of a sensor."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
+from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
 from tasks.study.results.choice import Choice, choose
 from tasks.study.results.intervals import Estimate, estimate
@@ -16,18 +17,19 @@ from tasks.study.results.scores import Scores
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """How much better the finest sensor is than the next finest, with each photoreceptor.
+    """How much better the finest sensor is than the finest of a smaller width, with each
+    photoreceptor.
 
     Attributes
     ----------
     scene, cutoff_hz, speed
         Condition, as in `tasks.study.results.cells.Condition`.
-    widths
-        Widths of the two sensors, px, the finest first.
+    sensors
+        The two sensors, the finest first.
     found
         The lead with its interval, by photoreceptor; None if samples are missing.
     choices
-        The width that is enough, by photoreceptor; None if samples are missing.
+        The sensor that is enough, by photoreceptor; None if samples are missing.
     paper
         The paper's lead; None if it lacks one of the two.
     """
@@ -35,7 +37,7 @@ class Lead:
     scene: str
     cutoff_hz: float
     speed: float
-    widths: tuple[int, int]
+    sensors: tuple[SensorId, SensorId]
     found: Mapping[str, Estimate | None]
     choices: Mapping[str, Choice | None]
     paper: float | None
@@ -47,7 +49,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     Parameters
     ----------
     readings
-        Scores by photoreceptor; the first sets scenes, widths, lights and speeds.
+        Scores by photoreceptor; the first sets scenes, sensors, lights and speeds.
     series
         Method and task.
 
@@ -57,9 +59,11 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
         Empty for a series with a single width.
     """
     first = next(iter(readings.values()))
-    if len(first.widths(series)) < 2:
+    sensors = first.sensors(series)
+    coarser = [one for one in sensors if one.width < sensors[-1].width]
+    if not coarser:
         return []
-    coarse, fine = first.widths(series)[-2:]
+    fine, coarse = sensors[-1], coarser[-1]
     sign = TASKS[series.task].metric.sign
     found = []
     for scene, cutoff_hz, speed in dict.fromkeys(
@@ -67,7 +71,9 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     ):
         if math.isinf(cutoff_hz):
             continue
-        places = {width: Condition(scene, width, cutoff_hz, speed) for width in (fine, coarse)}
+        places = {
+            one: Condition(scene, one.width, cutoff_hz, speed, one.name) for one in (fine, coarse)
+        }
         paper = [first.published(series, where) for where in places.values()]
         found.append(
             Lead(
@@ -84,9 +90,9 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
 
 
 def _lead(
-    scores: Scores, series: Series, places: Mapping[int, Condition], sign: float
+    scores: Scores, series: Series, places: Mapping[SensorId, Condition], sign: float
 ) -> Estimate | None:
-    cells = {width: scores.cell(series, where) for width, where in places.items()}
+    cells = {one: scores.cell(series, where) for one, where in places.items()}
     if not all(cell.complete for cell in cells.values()):
         return None
     return estimate(lambda medians: medians.difference(*places), cells, sign=sign)

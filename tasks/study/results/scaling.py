@@ -12,6 +12,7 @@ from pathlib import Path
 from eres_render.storage.settings_reader import FloatOrInf, read_json
 from sensor.statistics import PowerLaw, mode_us
 from tasks.errors import ResultError
+from tasks.study.results.asked import SensorId, sensor_of
 
 FIT_PX = 10.0
 """Largest pixel size of the power-law fit, in pixels of the frames. The law holds "as p -> 0"; a
@@ -22,7 +23,8 @@ FIT_PX = 10.0
 class Intervals:
     """Histogram of the times between consecutive events of a pixel under one setting.
 
-    In lux, the cutoff is that of plain sensors. Runs of older versions lack the illuminance.
+    In lux, the cutoff is that of plain sensors. Runs of older versions lack the illuminance and the
+    sensor's name.
     """
 
     width: int
@@ -32,6 +34,7 @@ class Intervals:
     shorter: int  # intervals below the first edge
     longer: int  # intervals from the last edge on
     illuminance_lux: float = 0.0  # as in `tasks.row.Row`
+    sensor: str = ""  # as in `tasks.row.Row`
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +77,13 @@ class Scaling:
     intervals: tuple[Intervals, ...]
     job: str = ""
 
-    def mode_us(self, width: int, cutoff_hz: float, speed: float) -> float | None:
+    def mode_us(self, sensor: SensorId, cutoff_hz: float, speed: float) -> float | None:
         """Return the most common interval under one setting.
 
         Parameters
         ----------
-        width
-            Sensor width, px.
+        sensor
+            The sensor.
         cutoff_hz
             Photoreceptor cutoff, Hz.
         speed
@@ -92,7 +95,7 @@ class Scaling:
             Interval in us; None if the setting was not measured.
         """
         for one in self.intervals:
-            if (one.width, one.cutoff_hz, one.speed) == (width, cutoff_hz, speed):
+            if (sensor_of(one), one.cutoff_hz, one.speed) == (sensor, cutoff_hz, speed):
                 return mode_us(self.edges_us, one.counts)
         return None
 

@@ -14,7 +14,7 @@ import numpy as np
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
-from tasks.study.results.asked import MetersPerSecond, light_of, speed_of
+from tasks.study.results.asked import MetersPerSecond, SensorId, light_of, sensor_of, speed_of
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import (
@@ -152,24 +152,21 @@ class Scores:
         Contrast threshold of all sensors without their own, log units.
     photoreceptor
         Their photoreceptor.
-    sensor_names
-        Names of the sensors that have one, by width in px.
     contrast_thresholds
-        Contrast threshold of each sensor, by width in px; a camera may have its own.
+        Contrast threshold of each sensor; a camera may have its own.
     asks_as_paper
         Whether all sensors and lights are the paper's, which has no buses. Only then are its
         numbers shown.
     buses_hz
-        Capacities of the buses that the events went through, events/s, by width in px.
+        Capacities of the buses that the events went through, events/s, by sensor.
     dropped
-        Largest share of the events of a window that such a bus lost, by width in px.
+        Largest share of the events of a window that such a bus lost, by sensor.
 
     Raises
     ------
     ResultError
         There are no rows, a task or metric is unknown, two rows of a cell have the same sample and
-        item, the rows have several contrast thresholds or photoreceptors, or two sensors have the
-        same width.
+        item, or the rows have several contrast thresholds or photoreceptors.
     """
 
     def __init__(
@@ -186,19 +183,21 @@ class Scores:
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = contrast_threshold or first.contrast_threshold
         self.photoreceptor = photoreceptor or first.photoreceptor
-        names = _names(rows)
-        self.sensor_names = {width: name for width, name in sorted(names.items()) if name}
-        self.contrast_thresholds = {row.width: row.contrast_threshold for row in rows}
+        of_each = {(row.width, row.sensor): row for row in rows}
+        self.contrast_thresholds = {sensor_of(r): r.contrast_threshold for r in of_each.values()}
         on_bus = [row for row in rows if row.bus_mev_s < math.inf]
-        self.buses_hz = {row.width: 1e6 * row.bus_mev_s for row in on_bus}
+        self.buses_hz = {sensor_of(row): 1e6 * row.bus_mev_s for row in on_bus}
         self.dropped = dict.fromkeys(self.buses_hz, 0.0)
         for row in on_bus:
-            self.dropped[row.width] = max(row.dropped, self.dropped[row.width])
+            sensor = sensor_of(row)
+            self.dropped[sensor] = max(row.dropped, self.dropped[sensor])
         for row in rows:
             self._check_sensor(row)
         self._rows = _grouped(rows)
         lights = {where.cutoff_hz for found in self._rows.values() for where in found}
-        papers = not self.sensor_names and not self.buses_hz and has_sensors(names, lights)
+        sensors = self.contrast_thresholds
+        plain = not self.buses_hz and not any(one.name for one in sensors)
+        papers = plain and has_sensors([one.width for one in sensors], lights)
         self.asks_as_paper = square and papers
         self._expected = self._expected_items()
         self._cells: dict[tuple[Series, Condition], Cell] = {}
@@ -230,10 +229,6 @@ class Scores:
                 )
         return {key: sorted(items) for key, items in found.items()}
 
-    def sensor_label(self, width: int) -> str:
-        """Return the name of the sensor of a width, or the width, px."""
-        return self.sensor_names.get(width, f"{width} px")
-
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
         return [series for series in self._rows if series.method != TASKS[series.task].baseline]
@@ -242,8 +237,8 @@ class Scores:
         """Return the scenes of a series, in the order of the rows."""
         return list(dict.fromkeys(condition.scene for condition in self._rows.get(series, ())))
 
-    def widths(self, series: Series, scene: str | None = None) -> list[int]:
-        """Return the sensor widths of a series, px, ascending.
+    def sensors(self, series: Series, scene: str | None = None) -> list[SensorId]:
+        """Return the sensors of a series, by width, then name.
 
         Parameters
         ----------
@@ -254,9 +249,9 @@ class Scores:
 
         Returns
         -------
-        list of int
+        list of SensorId
         """
-        return sorted({c.width for c in self._conditions(series, scene)})
+        return sorted({sensor_of(c) for c in self._conditions(series, scene)})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
         """Return the cutoffs of a series, Hz, from ideal (inf) down."""
@@ -334,8 +329,8 @@ class Scores:
         Returns
         -------
         Cell
-            The baseline of the same variant and width; of the usual variant or of another width if
-            it was scored only there.
+            The baseline of the same variant and sensor; of the usual variant or of another sensor
+            if it was scored only there.
         """
         key = series, condition
         if key not in self._baselines:
@@ -359,7 +354,7 @@ class Scores:
             None if the paper has no such score, as at any contrast threshold but its own, or if
             some sensor or light is not the paper's.
         """
-        scene, width, cutoff_hz, speed = condition
+        scene, width, cutoff_hz, speed, _ = condition
         papers = self.asks_as_paper and self.contrast_threshold == CONTRAST_THRESHOLD
         if not papers or isinstance(speed, MetersPerSecond):
             return None
@@ -388,7 +383,7 @@ class Scores:
             if condition in found:
                 return found[condition]
             for other, values in found.items():
-                if other._replace(width=condition.width) == condition:
+                if other._replace(width=condition.width, sensor=condition.sensor) == condition:
                     return values
         return {}
 
@@ -414,25 +409,13 @@ def _order(speed: float) -> tuple[bool, float]:
     return not isinstance(speed, MetersPerSecond), speed
 
 
-def _names(rows: Iterable[Row]) -> dict[int, str]:
-    """Return the name of the sensor of each width, px; each width is of one sensor."""
-    names: dict[int, str] = {}
-    for row in rows:
-        if names.setdefault(row.width, row.sensor) != row.sensor:
-            raise ResultError(
-                f"found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} px, "
-                "expected one of each width"
-            )
-    return names
-
-
 def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
     """Return the rows of each series and condition by sample and item."""
     groups: dict[Series, dict[Condition, _Values]] = {}
     of_cell: dict[tuple[str | int | float, ...], _Values] = {}  # by plain tuples, as there are many
     for row in rows:
         key = (row.task, row.method, row.metric, row.variant)
-        where = (row.scene, row.width, light_of(row), speed_of(row))
+        where = (row.scene, row.width, light_of(row), speed_of(row), row.sensor)
         values = of_cell.get(key + where)
         if values is None:
             _check_known(row)

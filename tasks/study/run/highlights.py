@@ -10,7 +10,7 @@ from eres_render import RadianceSequence
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.setting import Setting
-from tasks.study.results.asked import CutoffInLux
+from tasks.study.results.asked import CutoffInLux, SensorId
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.previews import Film, preview_files
@@ -92,7 +92,7 @@ class Highlights:
         }
 
 
-def _sensor_of(setting: Setting) -> tuple[int, float]:
-    """Return width and light; in lux, a profile may give a sensor another cutoff in this light."""
-    lux = setting.illuminance_lux
-    return setting.model.width, CutoffInLux(lux) if lux else setting.model.cutoff_hz
+def _sensor_of(setting: Setting) -> tuple[SensorId, float]:
+    """Return sensor and light; in lux, a profile may give a sensor another cutoff in this light."""
+    lux, sensor = setting.illuminance_lux, SensorId(setting.model.width, setting.name)
+    return sensor, CutoffInLux(lux) if lux else setting.model.cutoff_hz

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eres_render.cores import cores
 from sensor import Events, SensorModel
 from sensor.optics import crop_to_aspect
-from tasks.study.results.asked import lux_of
+from tasks.study.results.asked import SensorId, lux_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
 from tasks.study.run.pictures import central_area, central_crop, film_strip, png
@@ -83,7 +83,7 @@ class Film:
 def preview_files(
     job: Job,
     frames: Sequence[NDArray[np.float32]],
-    films: Mapping[tuple[int, float], Film],
+    films: Mapping[tuple[SensorId, float], Film],
 ) -> dict[str, bytes]:
     """Draw a job's previews.
 
@@ -94,7 +94,7 @@ def preview_files(
     frames
         (H, W) radiance at the end of each picture of a film, in units of white.
     films
-        Films at the first speed, by width and light as in `light_of`.
+        Films at the first speed, by sensor and light as in `light_of`.
 
     Returns
     -------
@@ -104,17 +104,20 @@ def preview_files(
     files: dict[str, bytes] = {}
     index: list[dict[str, Any]] = []
 
-    def add(kind: str, width: int, light: float, caption: str, end: str, data: bytes) -> None:
+    def add(kind: str, sensor: SensorId, light: float, caption: str, end: str, data: bytes) -> None:
         cutoff_hz = repr(float(light)).removesuffix(".0")  # JSON has no inf
-        file = f"{scene}_{kind}_{width}_{cutoff_hz}.{end}"
+        number = f"_{len(files)}" if sensor.name else ""  # a name may have any characters
+        file = f"{scene}_{kind}_{sensor.width}_{cutoff_hz}{number}.{end}"
         files[file] = data
-        entry = {"file": file, "scene": scene, "speed": speed, "kind": kind, "width": width}
+        entry = {"file": file, "scene": scene, "speed": speed, "kind": kind}
+        entry |= {"width": sensor.width, "sensor": sensor.name}
         entry |= {"cutoff_hz": cutoff_hz, "illuminance_lux": lux_of(light)}
         index.append({**entry, "caption": caption})
 
     last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
     gray = np.repeat(last.astype(np.uint8)[..., None], 3, axis=2)
-    add("frame", job.render.resolution, math.inf, "radiance at the window's end", "png", png(gray))
+    whole = SensorId(job.render.resolution)
+    add("frame", whole, math.inf, "radiance at the window's end", "png", png(gray))
 
     def drawn(film: Film) -> bytes:
         lights = [_seen(frame, film.part_px, film.sums.shape[1]) for frame in frames]
@@ -122,8 +125,8 @@ def preview_files(
 
     with ThreadPoolExecutor(cores()) as pool:
         strips = list(pool.map(drawn, films.values()))
-    for (width, light), data in zip(films, strips, strict=True):
-        add("events", width, light, f"{width} px", "webp", data)
+    for (sensor, light), data in zip(films, strips, strict=True):
+        add("events", sensor, light, sensor.label, "webp", data)
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
 

@@ -23,7 +23,7 @@ from sensor.statistics import (
     log_slope,
     slopes_by_pixel_size,
 )
-from tasks.study.results.asked import lux_of
+from tasks.study.results.asked import SensorId, lux_of
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
 from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
 
@@ -53,7 +53,7 @@ def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> Inter
 def measure_scaling(
     sequence: RadianceSequence,
     dark_level: float,
-    histograms: Mapping[tuple[int, float, float], IntervalHistogram],
+    histograms: Mapping[tuple[SensorId, float, float], IntervalHistogram],
 ) -> tuple[Scaling, NDArray[np.float64]]:
     """Measure the slopes at the end of a clip, and add the histograms of its events.
 
@@ -64,7 +64,7 @@ def measure_scaling(
     dark_level
         Dark level of the first sensor, in the frames' unit of radiance.
     histograms
-        Complete histograms of times between events, by width, light as in `light_of`, and speed.
+        Complete histograms of times between events, by sensor, light as in `light_of`, and speed.
 
     Returns
     -------
@@ -82,15 +82,16 @@ def measure_scaling(
         edges_us=tuple(_BIN_EDGES_US.tolist()),
         intervals=tuple(
             Intervals(
-                width=width,
+                width=sensor.width,
                 cutoff_hz=float(light),
                 speed=speed,
                 counts=tuple(h.counts.tolist()),
                 shorter=h.shorter,
                 longer=h.longer,
                 illuminance_lux=lux_of(light),
+                sensor=sensor.name,
             )
-            for (width, light, speed), h in histograms.items()
+            for (sensor, light, speed), h in histograms.items()
         ),
     )
     return scaling, log_slope(before, after, dt_s, dark_level)

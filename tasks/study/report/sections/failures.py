@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tasks.registry import TASKS
-from tasks.study.report.plot import Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
+from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import TRACKING, sweep
@@ -37,12 +38,12 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
     Returns
     -------
     Table
-        Cutoffs and perturbations as rows, widths as columns.
+        Cutoffs and perturbations as rows, sensors as columns.
     """
-    metric, widths = TASKS[found[0].task].metric, scores.widths(found[0])
+    metric, sensors = TASKS[found[0].task].metric, scores.sensors(found[0])
 
-    def text(series: Series, width: int, cutoff_hz: float) -> Text:
-        where = Condition(scene, width, cutoff_hz, base_speed(scores, series))
+    def text(series: Series, of: SensorId, cutoff_hz: float) -> Text:
+        where = Condition(scene, of.width, cutoff_hz, base_speed(scores, series), of.name)
         cell = scores.cell(series, where)
         if cell.median is None or cell.failure_share is None:
             return Text(MISSING)
@@ -51,12 +52,12 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
 
     blocks = {
         cutoff_text(hz): {
-            Text(one.variant): [text(one, width, hz) for width in widths] for one in found
+            Text(one.variant): [text(one, sensor, hz) for sensor in sensors] for one in found
         }
         for hz in scores.cutoffs_hz(found[0])
     }
     caption = f"{scene}: share of successful trials, and median error of all trials"
-    heads = [Text(""), *(Text(scores.sensor_label(width)) for width in widths)]
+    heads = [Text(""), *(Text(sensor.label) for sensor in sensors)]
     return Table(caption, heads, blocks)
 
 
@@ -75,23 +76,23 @@ def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
     Plot
         One panel per cutoff.
     """
-    widths = scores.widths(found[0])
+    sensors = scores.sensors(found[0])
     panels = [
-        Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, width, hz) for width in widths])
+        Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, one, hz) for one in sensors])
         for hz in scores.cutoffs_hz(found[0])
     ]
     title = f"Success over the perturbation, {name}"
     axes = "standard deviation of the perturbation [mm]", "successful trials [%]"
-    return plot(title, *axes, width_keys(widths, scores.sensor_names), panels, include_y=(0, 100))
+    return plot(title, *axes, sensor_keys(sensors), panels, include_y=(0, 100))
 
 
-def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: float) -> Line:
-    shares = {one: _pooled_success(scores, one, width, cutoff_hz) for one in found}
+def _success_line(scores: Scores, found: list[Series], of: SensorId, cutoff_hz: float) -> Line:
+    shares = {one: _pooled_success(scores, one, of, cutoff_hz) for one in found}
     points = [
         Point(
             x,
             100 * share,
-            [scores.sensor_label(width), one.variant, f"{share_text(share)} succeed"],
+            [of.label, one.variant, f"{share_text(share)} succeed"],
         )
         for one, share in shares.items()
         if share is not None and (x := sigma_mm(one.variant)) is not None
@@ -99,8 +100,8 @@ def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: fl
     return Line(points)
 
 
-def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float) -> float | None:
-    at = width, cutoff_hz, base_speed(scores, series)
+def _pooled_success(scores: Scores, series: Series, of: SensorId, cutoff_hz: float) -> float | None:
+    at = of.width, cutoff_hz, base_speed(scores, series), of.name
     cells = [scores.cell(series, Condition(scene, *at)) for scene in scores.scenes(series)]
     failed = [cell.failed for cell in cells if cell.complete]
     return float(1 - np.concatenate(failed).mean()) if failed else None

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
+from tasks.study.results.asked import SensorId
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
@@ -70,7 +71,8 @@ class Matrix:
     """All answers: lights as groups of columns, scenes as blocks of rows.
 
     `near` names the negligible differences, in the units of the metrics. `compared` and
-    `uncompared` name the tasks in which doing nothing was scored and was not.
+    `uncompared` name the tasks in which doing nothing was scored and was not. `widths` are those of
+    the sensors, px, each once.
     """
 
     near: str
@@ -86,7 +88,7 @@ def matrix(run: FinishedRun) -> Matrix:
     scores = run.scores
     series = [one for one in run.series if is_main(one)] or run.firsts
     cutoffs_hz = sorted({hz for one in series for hz in scores.cutoffs_hz(one)}, reverse=True)
-    widths = sorted({width for one in series for width in scores.widths(one)})
+    widths = sorted({sensor.width for one in series for sensor in scores.sensors(one)})
     pairs = [(one, scene) for one in series for scene in scores.scenes(one)]
     counts = Counter(speed for pair in pairs for speed in scores.speeds(*pair))
     speeds = sorted(speed for speed in counts if counts[speed] == max(counts.values()))
@@ -134,16 +136,11 @@ def _answer(
         return Answer(where, [missing] * (1 + len(capacities_hz())))
     rates_hz = choice.event_rates_hz
 
-    def name(width: int) -> str:
-        return run.scores.sensor_names.get(width, str(width))
-
-    def shown(width: int, bus_hz: float) -> Shown:
-        share = rates_hz[width] / bus_hz
+    def shown(one: SensorId, bus_hz: float) -> Shown:
+        share = rates_hz[one] / bus_hz
         of_bus = "<1" if share < 0.01 else round(100 * share)
-        fineness = round(100 * widths.index(width) / max(len(widths) - 1, 1))
-        return Shown(
-            *(name(width), f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%")
-        )
+        fineness = round(100 * widths.index(one.width) / max(len(widths) - 1, 1))
+        return Shown(*(str(one), f"{rate_label(rates_hz[one])} · {of_bus}\u202f%", f"{fineness}%"))
 
     own_hz = run.buses_hz[choice.enough]
     usual = shown(choice.enough, own_hz)
@@ -151,9 +148,9 @@ def _answer(
         on_any_bus = usual._replace(facts="on any bus")
         return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
     on_buses = [
-        Shown("none", "is enough on this bus") if width is None else shown(width, bus_hz)
-        for bus_hz, width in choice.on_buses.items()
+        Shown("none", "is enough on this bus") if one is None else shown(one, bus_hz)
+        for bus_hz, one in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > own_hz
-    tied = None if choice.tied is None else name(choice.tied)
+    tied = None if choice.tied is None else str(choice.tied)
     return Answer(where, [usual, *on_buses], "over" if over else "", tied)

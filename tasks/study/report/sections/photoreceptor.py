@@ -77,7 +77,7 @@ def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRu
         cells = [
             Text(MISSING)
             if one is None or choice is None
-            else Text(one.text(metric.decimals), _enough(choice, run))
+            else Text(one.text(metric.decimals), _enough(choice))
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
@@ -87,16 +87,16 @@ def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRu
         if head in rows:  # speeds that differ by less than their digits
             head = head._replace(small=f"{lead.speed:g} times the base speed")
         rows[head] = [*cells, *[Text(paper)] * with_paper]
-    fine, coarse = map(run.scores.sensor_label, found[0].widths)
+    fine, coarse = (one.label for one in found[0].sensors)
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse}, {metric.unit}"
     last = [Text("paper")] * with_paper
     return Table(caption, [Text(""), *heads, *last], blocks)
 
 
-def _enough(choice: Choice, run: FinishedRun) -> str:
+def _enough(choice: Choice) -> str:
     if not choice.worthwhile:
         return "doing nothing is as good"
-    return f"enough: {run.scores.sensor_label(choice.enough)}"
+    return f"enough: {choice.enough.label}"
 
 
 def _verdicts(found: list[tuple[Verdict, ...]], heads: list[Text]) -> Table:

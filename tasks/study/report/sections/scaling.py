@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import numpy as np
 
 from sensor.statistics import PowerLaw
-from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, sensor_keys
+from tasks.study.results.asked import sensor_of
 from tasks.study.results.intervals import Estimate
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
@@ -41,9 +39,7 @@ def _law_text(law: PowerLaw | None) -> str:
     return f"γ = {Estimate(law.exponent, law.low, law.high).text(sign='')}"
 
 
-def interval_plot(
-    one: Scaling, base: BaseSpeeds = PACKAGED, names: Mapping[int, str] = MappingProxyType({})
-) -> Plot:
+def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     """Plot histograms: highest cutoff at the lowest speed, lowest cutoff at both extreme speeds.
 
     Parameters
@@ -52,8 +48,6 @@ def interval_plot(
         Scaling statistics of a scene.
     base
         Speed of the camera at factor 1.
-    names
-        Names of the sensors that have one, by width.
 
     Returns
     -------
@@ -63,23 +57,23 @@ def interval_plot(
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
     chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])
-    widths = sorted({interval.width for interval in one.intervals})
-    shares = {(i.width, i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
+    sensors = sorted({sensor_of(interval) for interval in one.intervals})
+    shares = {(sensor_of(i), i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
     edges_ms = np.array(one.edges_us) * 1e-3
     drawn = [share for (_, *setting), share in shares.items() if tuple(setting) in chosen]
     seen = np.any([share > 5e-4 for share in drawn], axis=0)
     first, last = np.flatnonzero(seen if seen.any() else ~seen)[[0, -1]]  # without events, all
     middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])[first : last + 1]
-    keys, panels = width_keys(widths, names), []
+    keys, panels = sensor_keys(sensors), []
     for cutoff_hz, speed in chosen:
         lines = []
-        for width, key in zip(widths, keys, strict=True):
-            if (width, cutoff_hz, speed) not in shares:  # in this light it has another cutoff
+        for sensor, key in zip(sensors, keys, strict=True):
+            if (sensor, cutoff_hz, speed) not in shares:  # in this light it has another cutoff
                 lines.append(Line([], []))
                 continue
-            share = shares[width, cutoff_hz, speed][first : last + 1].tolist()
+            share = shares[sensor, cutoff_hz, speed][first : last + 1].tolist()
             points = []
-            if (mode_us := one.mode_us(width, cutoff_hz, speed)) is not None:
+            if (mode_us := one.mode_us(sensor, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles_ms / (mode_us * 1e-3)))))
                 mode, most = f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"
                 said = [key.name, mode, most]

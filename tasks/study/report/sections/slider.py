@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Rows, Table, Text, score_text
-from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.asked import MetersPerSecond, SensorId
 from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
@@ -90,7 +90,7 @@ def _series(scores: Scores, task: str, method: str) -> list[Series]:
 
 
 def _measured(scores: Scores, series: Series) -> bool:
-    of_slider = set(_WIDTHS) & set(scores.widths(series))
+    of_slider = {*map(SensorId, _WIDTHS)} & {*scores.sensors(series)}
     at_its_speeds = {factor for _, factor in _speeds()} & {
         round(speed, 9) for speed in scores.speeds(series) if not isinstance(speed, MetersPerSecond)
     }

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tasks.registry import TASKS
-from tasks.study.report.plot import Line, Panel, Plot, width_keys
+from tasks.study.report.plot import Line, Panel, Plot, sensor_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
+from tasks.study.results.asked import sensor_of
 from tasks.study.results.cells import Condition
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
@@ -25,7 +26,7 @@ def compare_thresholds(
     Parameters
     ----------
     found
-        Scores of each contrast threshold; the first sets scenes, widths and cutoffs.
+        Scores of each contrast threshold; the first sets scenes, sensors and cutoffs.
     series
         Method and task.
     bus_hz
@@ -53,18 +54,18 @@ def _compare(
     base: BaseSpeeds,
 ) -> Comparison:
     metric = TASKS[series.task].metric
-    speed, widths = base_speed(first, series), first.widths(series)
+    speed, sensors = base_speed(first, series), first.sensors(series)
     panels: list[Panel] = []
     choices: dict[Text, list[Text]] = {}
     blocks: dict[Text, Rows] = {}
     for hz in first.cutoffs_hz(series):
-        where = [Condition(scene, width, hz, speed) for width in widths]
+        where = [Condition(scene, one.width, hz, speed, one.name) for one in sensors]
         points = [[score_point(s, series, at, base) for s in ascending] for at in where]
         light = cutoff_text(hz)
         panels.append(Panel(*light[:2], [Line([*filter(None, of_one)]) for of_one in points]))
         choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
         blocks[light] = {
-            Text(first.sensor_label(at.width)): [_score(scores, series, at) for scores in ascending]
+            Text(sensor_of(at).label): [_score(scores, series, at) for scores in ascending]
             for at in where
         }
     heads = [
@@ -75,7 +76,7 @@ def _compare(
         "than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"
-    keys = width_keys(widths, first.sensor_names)
+    keys = sensor_keys(sensors)
     return (
         score_plot(f"Scores {by_threshold}", series, keys, panels, bus_hz),
         Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
@@ -84,14 +85,13 @@ def _compare(
 
 
 def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float) -> Text:
-    choice = choose(scores, series, scene, cutoff_hz, speed) if scores.widths(series) else None
+    choice = choose(scores, series, scene, cutoff_hz, speed) if scores.sensors(series) else None
     if choice is None:
         return Text(MISSING, "samples are missing")
-    enough = scores.sensor_label(choice.enough)
+    enough = choice.enough.label
     if not choice.worthwhile:
         return Text(enough, "", "struck")
-    tied = f"tied {scores.sensor_names.get(choice.tied, choice.tied)}" if choice.tied else ""
-    return Text(enough, tied)
+    return Text(enough, f"tied {choice.tied}" if choice.tied else "")
 
 
 def _score(scores: Scores, series: Series, where: Condition) -> Text:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.registry import TASKS
 from tasks.study.report.table import Table, Text
+from tasks.study.results.asked import sensor_of
 from tasks.study.results.metrics import Series
 from tasks.study.results.words import MISSING
 
@@ -51,15 +52,13 @@ def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
     return f"{_number(float(np.median(rates)))} {unit}/s" if rates else MISSING
 
 
-def method_table(costs: Sequence[JobTimings], names: Mapping[int, str]) -> Table:
+def method_table(costs: Sequence[JobTimings]) -> Table:
     """List the time of an estimate by sensor, the number of estimates and their total time.
 
     Parameters
     ----------
     costs
         Times of the jobs.
-    names
-        Names of the sensors that have one, by width.
 
     Returns
     -------
@@ -70,21 +69,16 @@ def method_table(costs: Sequence[JobTimings], names: Mapping[int, str]) -> Table
     for cost in (method for one in costs for method in one.methods):
         if cost.method != TASKS[cost.task].baseline:
             found.setdefault(Series(cost.task, cost.method, "", cost.variant), []).append(cost)
-    widths = sorted({one.width for every in found.values() for one in every})
+    sensors = sorted({sensor_of(one) for every in found.values() for one in every})
     rows = {
         Text(series.title): [
-            *(_estimate([one for one in every if one.width == width]) for width in widths),
+            *(_estimate([one for one in every if sensor_of(one) == of]) for of in sensors),
             Text(f"{sum(one.estimates for one in every):,}"),
             Text(_time(sum(one.cpu_s for one in every))),
         ]
         for series, every in found.items()
     }
-    heads = [
-        Text("method"),
-        *(Text(names.get(width, f"{width} px")) for width in widths),
-        Text("estimates"),
-        Text("total"),
-    ]
+    heads = [Text(head) for head in ("method", *(of.label for of in sensors), "estimates", "total")]
     return Table("Time of an estimate, by sensor", heads, {Text(""): rows}, "costs")
 
 

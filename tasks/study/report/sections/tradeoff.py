@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tasks.registry import TASKS
-from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import cutoff_text
+from tasks.study.results.asked import sensor_of
 from tasks.study.results.cells import Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
@@ -44,7 +45,7 @@ def tradeoff_plots(
     """
     found = {}
     for scene in scores.scenes(series):
-        keys = width_keys(scores.widths(series, scene), scores.sensor_names, labeled=True)
+        keys = sensor_keys(scores.sensors(series, scene), labeled=True)
         panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
         found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
     return found
@@ -62,7 +63,7 @@ def score_plot(
     series
         Method and task; sets the metric.
     keys
-        One key per sensor width.
+        One key per sensor.
     panels
         One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
     bus_hz
@@ -88,8 +89,11 @@ def score_plot(
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
     lines, baselines = [], set()
-    for width in scores.widths(series, scene):
-        where = [Condition(scene, width, cutoff_hz, s) for s in scores.speeds(series, scene)]
+    for one in scores.sensors(series, scene):
+        where = [
+            Condition(scene, one.width, cutoff_hz, speed, one.name)
+            for speed in scores.speeds(series, scene)
+        ]
         lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
@@ -128,7 +132,7 @@ def score_point(
     metric = TASKS[series.task].metric
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
-        scores.sensor_label(where.width),
+        sensor_of(where).label,
         f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
