@@ -169,13 +169,20 @@ def _show_scores(run: FinishedRun) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.words import join_words, photoreceptor_label
+    from tasks.study.results.words import join_words, photoreceptor_label, share_text
 
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
     if any(len(scores.speeds(series)) > 1 for series in scores.series()):
         terminal.out.print("other speeds are in the report and in tables.csv", highlight=False)
+    if scores.dropped:
+        lost = [f"{one.label} {share_text(share)}" for one, share in sorted(scores.dropped.items())]
+        terminal.out.print(
+            f"largest share of a window's events that the bus lost: {', '.join(lost)}",
+            soft_wrap=True,
+            highlight=False,
+        )
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.out.print(

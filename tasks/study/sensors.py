@@ -50,7 +50,8 @@ class StudySensor:
         Settings of the study that the sensor overrides with a value of its own:
         "contrast_thresholds", "photoreceptors", "bus".
     readout
-        Its bus; None for that of the study, or for no bus if `own` has "bus".
+        Its bus, for a camera its own by default; None for that of the study, or for no bus if `own`
+        has "bus".
     """
 
     name: str
@@ -209,9 +210,12 @@ def read_sensor(
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
-        if bus.bus is None and bus != BusOptions() and bus_mev_s is not None:
+        camera = body.sensor
+        if camera is not None and find_sensor(camera).max_bandwidth_mev_s is None:
+            camera = None
+        if bus.bus is camera is None and bus != BusOptions() and bus_mev_s is not None:
             bus = replace(bus, bus=repr(bus_mev_s))
-        readout = bus.readout()
+        readout = bus.readout(camera)
     except (SensorError, TaskError) as error:
         raise StudyError(f"{where}: {error}") from None
     known = {} if pixel.profile is None else find_profile(_in_file(pixel, file).profile or "").known

@@ -131,8 +131,8 @@ class Simulate:
         With `speeds_m_s`: median distance of the camera from the plane along its axis, m. Scene and
         path are enlarged to it, so that images stay. None for the scenes' own distance.
     bus_mev_s
-        Capacity of the bus of every sensor, million events per second; None for no bus. At most
-        `tasks.events.sensor_options.BusOptions.fifo` events wait.
+        Capacity of the bus of all sensors without one of their own, million events per second; None
+        for no bus. At most `tasks.events.sensor_options.BusOptions.fifo` events wait.
     same_lens
         Whether all widths are one camera at several distances from a plane that it faces: half the
         width is twice the distance. Images are the same as with larger pixels; poses are not. None

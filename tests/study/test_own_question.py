@@ -148,6 +148,16 @@ def test_a_sensor_may_have_another_bus_than_the_study_or_none(tmp_path) -> None:
     assert buses == {"usual": 12e6, "fast": 20e6, "free": None}
 
 
+def test_a_camera_brings_its_own_bus(tmp_path) -> None:
+    """Promise: a camera is whole: its bus goes before that of the study, which carries a camera
+    of unknown bandwidth (ATIS); a table may say otherwise."""
+    sensors = '"davis346", "atis", {profile = "dvs128"}, {sensor = "gen4-cd", bus = "unlimited"}'
+    study = read(tmp_path, f"widths = []\nbus_mev_s = 2.0\nsensors = [{sensors}]")
+    settings = jobs_of(study, load_scene("carpet"))[0].settings(1)
+    buses = {one.name: one.readout and one.readout.max_rate_hz for one in settings}
+    assert buses == {"davis346": 12e6, "atis": 2e6, "dvs128": 1e6, "gen4-cd": None}
+
+
 def test_a_sensor_may_have_another_queue_for_the_bus_of_the_study(tmp_path) -> None:
     """Promise: `fifo` and `row_overhead` alone are those of the study's bus at this sensor."""
     sensors = '{name = "late", width = 128, fifo = 1000}, {name = "usual", width = 64}'
