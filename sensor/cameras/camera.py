@@ -160,6 +160,11 @@ random_start
         return self.pitch_um**2 * self.fill_factor
 
     @property
+    def borrows_cutoff(self) -> bool:
+        """Whether its cutoff in a light is that of `like`, as it states none at an illuminance."""
+        return math.isinf(self.cutoff_hz) or self.illuminance_lux is None
+
+    @property
     def bus(self) -> Readout | None:
         """The bus on which events leave; None if they leave at once."""
         if self.bus_hz == math.inf:
@@ -501,7 +506,7 @@ random_start
             hz = self.cutoff_hz if cutoff_hz is None else cutoff_hz
             return "ideal pixels" if math.isinf(hz) else f"cutoff {hz:g} Hz"
         text = f"{lux:g} lux: cutoff {self.cutoff_at(lux):.3g} Hz"
-        if math.isfinite(self.cutoff_hz) and self.illuminance_lux is not None:
+        if not self.borrows_cutoff:
             return text
         ends = [
             f"{replace(self, area_exponent=g).cutoff_at(lux):.3g} Hz at area^{g:g}"

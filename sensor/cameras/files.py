@@ -6,6 +6,7 @@ import functools
 import json
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -254,41 +255,45 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
         if source is None and value == getattr(plain, FIELDS[name]):
             continue
         if source is None or not source.text:
-            lines.append(f"{name} = {_text(_in_unit(key, value)[0])}")
+            lines.append(f"{name} = {_text(in_unit(key, value)[0])}")
             continue
-        facts: dict[str, Any] = {}
-        if source.kind != "bound":
-            facts["value"], facts["unit"] = _in_unit(key, value)
-        elif key.units:
-            facts["unit"] = _unit(key, 1.0)
-        facts |= {"source": source.text}
-        if source.kind != "bound":
-            facts["kind"] = source.kind
-        if source.interval is not None:
-            unit = facts.get("unit") or _unit(key, 1.0)
-            facts["interval"] = [_divided(key, unit, end) for end in source.interval]
+        bound = source.kind == "bound"
+        value, unit, ends = in_unit(key, 1.0 if bound else value, source.interval or ())
+        facts: dict[str, Any] = {"unit": unit, "source": source.text}
+        if not bound:
+            facts = {"value": value, **facts, "kind": source.kind}
+        if ends:
+            facts["interval"] = ends
         inner = ", ".join(f"{one} = {_text(fact)}" for one, fact in facts.items() if fact != "")
         lines.append(f"{name} = {{ {inner} }}")
     with new_file(Path(file), overwrite=overwrite) as made:
         made.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _in_unit(key: Key, value: Any) -> tuple[Any, str]:
-    """Return a value in the unit in which it is written, and the unit; "" for one without."""
+def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, str, list[float]]:
+    """Return a value, its unit and its interval as a file has them.
+
+    Parameters
+    ----------
+    key
+        The key.
+    value
+        The value of the field, None if it has none.
+    interval
+        Ends of its interval, in the unit of the field.
+
+    Returns
+    -------
+    value, unit, interval
+        In the first unit from which the value comes back to the bit. The unit is "" for words.
+    """
+    unit = "" if key.kind in ("text", "word", "flag") else next(iter(key.units))
     if key.kind != "number":
-        return value, ""
-    unit = _unit(key, value)
-    return _divided(key, unit, value), unit
-
-
-def _unit(key: Key, value: float) -> str:
-    """Return the first unit from which the value comes back to the bit."""
-    return next(unit for unit in key.units if key.units[unit](_divided(key, unit, value)) == value)
-
-
-def _divided(key: Key, unit: str, value: float) -> float:
-    """Return a value of the field in a unit that is a multiple of the field's."""
-    return value / key.units[unit](1.0)
+        return value, unit, []
+    if value is not None:
+        unit = next(one for one, up in key.units.items() if up(value / up(1.0)) == value)
+        value /= key.units[unit](1.0)
+    return value, unit, [end / key.units[unit](1.0) for end in interval]
 
 
 def _text(value: Any) -> str:

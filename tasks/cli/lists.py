@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Column
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+
+if TYPE_CHECKING:
+    from sensor.cameras import EventCamera
 
 
 def doctor() -> int:
@@ -39,76 +45,84 @@ def scenes() -> None:
 
 
 def sensors(
-    profile: Annotated[
-        Positional[str | None], arg(metavar="[PROFILE]", help="show all of one profile")
+    camera: Annotated[
+        Positional[str | None], arg(metavar="[CAMERA]", help="show all of one camera")
     ] = None,
 ) -> None:
-    """List event cameras, and profiles of their electronics.
+    """List event cameras.
 
-    Cameras are for `eres simulate --sensor`, profiles for `--profile`.
+    With the name or the file of a camera, list its values with units, 95 % intervals and sources,
+    and the defaults of those that are not known.
 
-    The cameras are those of the paper's Table 1. With the name or file of a profile, list its known
-    values with units, 95 % intervals and sources, the bounds of others, and the unknown ones.
+    Columns: pixels; their pitch and the share of their area that is sensitive to light; contrast
+    thresholds of ON and OFF events; cutoff of the photoreceptor per lux, lent by another camera
+    where its own is not known; noise; and the capacity of the bus in million events per second.
     """
-    if profile is not None:
-        _show(profile)
-        return
+    from sensor.cameras import camera_names, find_camera
     from sensor.presets import SENSORS
+    from sensor.profiles import profile_names
 
-    table = Table(
-        *("sensor", "supplier", "camera", "year", "pixels", "pitch", "fill", "interface"),
-        "max Mev/s",
-        box=None,
-    )
-    for name, preset in SENSORS.items():
-        rate, pitch, fill = preset.max_bandwidth_mev_s, preset.pixel_pitch_um, preset.fill_factor
+    if camera is not None:
+        _show(find_camera(camera))
+        return
+    table = Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s", box=None)
+    for found in map(find_camera, camera_names()):
+        table.add_row(*_facts(found))
+    terminal.out.print(table, crop=False)
+    terminal.out.print()
+    for option, names in (("--sensor", SENSORS), ("--profile", profile_names())):
+        terminal.out.print(f"{option} takes {', '.join(names)}", highlight=False)
+
+
+def _facts(camera: EventCamera) -> Iterator[str]:
+    """Yield the cells of a camera in the list."""
+    yield camera.name
+    yield "-" if camera.width is None else f"{camera.width}x{camera.height}"
+    yield "-" if camera.pitch_um is None else f"{camera.pitch_um:g}"
+    yield "-" if camera.fill_factor is None else f"{100 * camera.fill_factor:g} %"
+    if camera.states("threshold"):
+        on, off = camera.contrast_threshold, camera.contrast_threshold_off
+        rise, fall = (
+            f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -(on if off is None else off))
+        )
+        smallest = camera.sources["threshold"].kind == "smallest"
+        yield (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
+    else:
+        yield "-"
+    ends = {f"{replace(camera, area_exponent=g).cutoff_at(1.0):.2g}" for g in (0.0, 1.0)}
+    yield "-".join(sorted(ends, key=float)) + (" lent" if camera.borrows_cutoff else "")
+    noise = {
+        "leak": camera.leak_hz,
+        "shot": camera.shot_noise_hz,
+        "hot": camera.hot_pixel_fraction,
+    }
+    yield ", ".join(kind for kind, amount in noise.items() if amount) or "-"
+    yield "-" if camera.bus is None else f"{camera.bus_hz / 1e6:g}"
+
+
+def _show(camera: EventCamera) -> None:
+    """List all values of a camera."""
+    from sensor.cameras.fields import FIELDS, KEYS
+    from sensor.cameras.files import in_unit
+
+    year = str(camera.year) if camera.year else ""
+    about = camera.title or camera.name, year, camera.interface
+    terminal.out.print(", ".join(filter(None, about)), highlight=False)
+    table = Table("field", "value", "unit", "95 % interval", "kind", "source", box=None)
+    for name, key in KEYS.items():
+        if key.part == "name":
+            continue
+        found, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
+        interval = (source and source.interval) or ()
+        value, unit, ends = in_unit(key, found, interval)
+        text = "-" if value is None else f"{value:.4g}" if key.kind == "number" else str(value)
         table.add_row(
             name,
-            preset.supplier,
-            preset.camera,
-            str(preset.year),
-            f"{preset.model.width}x{preset.model.height}",
-            "-" if pitch is None else f"{pitch:g} um",
-            "-" if fill is None else f"{100 * fill:g} %",
-            preset.interface or "-",
-            "-" if rate is None else f"{rate:g}",
-        )
-    terminal.out.print(table, crop=False)
-    _list_profiles()
-
-
-def _list_profiles() -> None:
-    from sensor.profiles import find_profile, profile_names
-
-    table = Table("profile", "electronics of", "known", "unknown", box=None)
-    for name in profile_names():
-        found = find_profile(name)
-        table.add_row(name, found.title, ", ".join(found.known), ", ".join(found.unknown))
-    terminal.out.print()
-    terminal.out.print(table, crop=False)
-
-
-def _show(name: str) -> None:
-    """List the known and unknown values of a profile."""
-    from sensor.profiles import Sourced, find_profile
-    from sensor.profiles.quantities import FIELDS, QUANTITIES
-
-    profile = find_profile(name)
-    terminal.out.print(profile.title)
-    table = Table("field", "value", "unit", "95 % interval", "source", box=None)
-    for field in FIELDS:
-        found = profile.known.get(field) or profile.bounds.get(field)
-        if found is None:
-            table.add_row(field, "unknown", "", "", "")
-            continue
-        value = found.value if isinstance(found, Sourced) else "bound"
-        low_high = "" if found.interval is None else "{:.4g} to {:.4g}".format(*found.interval)
-        table.add_row(
-            field,
-            value if isinstance(value, str) else f"{value:.4g}",
-            "" if field not in QUANTITIES else next(iter(QUANTITIES[field].units)),
-            low_high,
-            found.source,
+            text.lower() if key.kind == "flag" else text,
+            "" if unit == "1" else unit,
+            " to ".join(f"{end:.4g}" for end in ends),
+            source.kind if source else "" if found is None else "default",
+            source.text if source else "",
         )
     terminal.out.print(table, crop=False)
 

@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+import re
 import shutil
 import sys
 from contextlib import suppress
@@ -19,7 +20,7 @@ from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import Events, Readout, SensorModel, presets, read_out, simulate
+from sensor import Events, Readout, SensorModel, camera_names, read_out, simulate
 from sensor.errors import EventFormatError
 from sensor.events import concatenate
 from sensor.formats import (
@@ -31,6 +32,8 @@ from sensor.formats import (
     write_events,
 )
 from sensor.optics import crop_to_aspect
+from sensor.presets import SENSORS, SensorPreset
+from sensor.profiles import profile_names
 from tasks.errors import TaskError
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.events.simulation import SimulationOptions, simulate_frames
@@ -249,7 +252,7 @@ def test_truth_in_the_same_file(eres, sequence, tmp_path):
 
 def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
     """Promise: a sensor with a wider aspect ratio than the frames also has square pixels."""
-    wide = presets.SensorPreset(
+    wide = SensorPreset(
         supplier="",
         camera="",
         year=2026,
@@ -257,7 +260,7 @@ def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkey
         max_bandwidth_mev_s=None,
         model=SensorModel(width=32, height=18, contrast_threshold=0.1),
     )
-    monkeypatch.setitem(presets.SENSORS, "wide", wide)
+    monkeypatch.setitem(SENSORS, "wide", wide)
     out = tmp_path / "out.h5"
     arguments = ["--out", out, "--sensor", "wide", "--truth", 1]
     assert eres("simulate", sequence.folder, *arguments)[0] == 0
@@ -661,24 +664,30 @@ def test_info_without_size_and_without_events(eres, tmp_path):
 
 
 def test_sensors(eres):
-    """Promise: `eres sensors` lists every preset with its table's facts, and every profile."""
+    """Promise: `eres sensors` lists every camera with its facts, in 80 columns."""
     code, out, _ = eres("sensors")
     assert code == 0
-    line = next(line for line in out.splitlines() if "gen4-cd" in line)
-    facts = "gen4-cd Prophesee Gen4 CD 2020 1280x720 4.86 um 77 % USB 3 1066"
-    assert " ".join(line.split()) == facts
-    cameras, profiles = out.split("\n\n")
-    assert (len(cameras.splitlines()), len(profiles.splitlines())) == (15, 9)
+    listed, options = out.split("\n\n")
+    header, *rows = listed.splitlines()
+    assert tuple(row.split()[0] for row in rows) == camera_names()
+    assert max(map(len, (header, *rows))) <= 80
+    found = {row.split()[0]: " ".join(row.split()) for row in rows}
+    assert found["gen4-cd"] == "gen4-cd 1280x720 4.86 77 % 11 min 0.36-3 lent leak 1066"
+    assert found["dvs128"] == "dvs128 128x128 40 9.4 % 17 min 3 leak 1"
+    assert found["v2e-noisy"] == "v2e-noisy - - - 22.1/18.1 3 lent leak, shot -"
+    assert {*re.findall(r"[\w-]+", options)} >= {*SENSORS, *profile_names()}
+    assert {*SENSORS, *profile_names()} <= {*camera_names()}
 
 
-def test_a_profile_is_shown_with_its_sources(eres):
-    """Promise: `eres sensors NAME` says value, unit and source of each field, or unknown."""
+def test_a_camera_is_shown_with_its_sources(eres):
+    """Promise: `eres sensors NAME` says value, unit and source of each field, or its default."""
     code, out, _ = eres("sensors", "dvs128")
     lines = {line.split()[0]: line for line in out.splitlines() if line.split()}
     assert code == 0
-    assert lines["cutoff"].split()[:3] == ["cutoff", "3000", "Hz"]
+    assert lines["cutoff"].split()[:4] == ["cutoff", "3000", "Hz", "published"]
     assert "Lichtsteiner" in lines["cutoff"]
-    assert lines["hot_pixels"].split() == ["hot_pixels", "unknown"]
+    assert lines["width"].split()[:3] == ["width", "128", "px"]
+    assert lines["hot_pixels"].split() == ["hot_pixels", "0", "default"]
     code, _, err = eres("sensors", "dvs129")
     assert (code, "did you mean 'dvs128'" in err) == (1, True)
 

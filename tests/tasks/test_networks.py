@@ -391,12 +391,12 @@ def test_dense_flow_keeps_the_events_of_two_windows_only():
 def test_one_flow_of_a_sensor_is_one_estimate():
     """Promise: its time and its events count once, not once for each feature."""
     scorer = object.__new__(DenseFlowScorer)
-    scorer._setting = SimpleNamespace(model=SimpleNamespace(width=W), start_us=0, end_us=9)
+    scorer._setting = SimpleNamespace(model=SimpleNamespace(width=W), name="", start_us=0, end_us=9)
     scorer._task = DenseFlow(methods=("zero_flow", "initial_flow"))
     points = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
     scorer._features = Features(W, H, points, np.ones((3, 2)), np.zeros((3, 2)))
     scorer._before, scorer._during = [stream(0)], [stream(1)]
-    timings = _method_timings((W, "dense_flow", score) for score in scorer.scores())
+    timings = _method_timings((scorer._setting, "dense_flow", score) for score in scorer.scores())
     events = len(stream(0)) + len(stream(1))
     assert [(one.estimates, one.events) for one in timings] == [(1, events)] * 2
 
