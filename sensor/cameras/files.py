@@ -20,7 +20,7 @@ from sensor.numbers import real, refusal
 _CATALOGUE = Path(__file__).parent / "catalogue"
 _FACTS = "value", "unit", "source", "kind", "interval"
 _ALIASES = {"threshold_on": "threshold"}
-_UNLIMITED = "unlimited"
+UNLIMITED = "unlimited"
 
 
 @functools.cache
@@ -201,7 +201,7 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
 
 def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
     if key.kind == "number":
-        if name == "bus" and value == _UNLIMITED:
+        if name == "bus" and value == UNLIMITED:
             return math.inf
         value = _number(name, key, value, unit)
         if math.isinf(value) and name not in ("cutoff", "bus"):

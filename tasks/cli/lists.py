@@ -48,6 +48,8 @@ def sensors(
     camera: Annotated[
         Positional[str | None], arg(metavar="[CAMERA]", help="show all of one camera")
     ] = None,
+    *,
+    schema: bool = False,
 ) -> None:
     """List event cameras.
 
@@ -57,7 +59,19 @@ def sensors(
     Columns: pixels; their pitch and the share of their area that is sensitive to light; contrast
     thresholds of ON and OFF events; cutoff of the photoreceptor per lux, lent by another camera
     where its own is not known; noise; and the capacity of the bus in million events per second.
+
+    Parameters
+    ----------
+    schema
+        Print the JSON schema of a camera's file, for editors of TOML.
     """
+    if schema:
+        import json
+
+        from sensor.cameras.schema import camera_schema
+
+        print(json.dumps(camera_schema(), indent=2))
+        return
     from sensor.cameras import camera_names, find_camera
     from sensor.presets import SENSORS
     from sensor.profiles import profile_names

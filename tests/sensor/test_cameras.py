@@ -1,6 +1,7 @@
 """Whole cameras: the catalogue and its sources, files, light, and the models of the engine."""
 
 import itertools
+import json
 import math
 import tomllib
 from dataclasses import fields, replace
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 
 from event_streams import assert_same
 from moving_texture import texture_in_motion
@@ -28,12 +30,15 @@ from sensor import (
 from sensor.cameras import files
 from sensor.cameras.camera import Source
 from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.schema import camera_schema
 from sensor.events import concatenate
 from sensor.levels import white_level
 from sensor.presets import SENSORS
 from sensor.profiles import find_profile, profile_names
 
 CATALOGUE = Path(files.__file__).parent / "catalogue"
+ROOT = Path(__file__).parents[2]
+SCHEMA = Draft202012Validator(camera_schema())
 
 
 @pytest.mark.parametrize("name", camera_names())
@@ -44,6 +49,7 @@ def test_every_value_of_the_catalogue_has_a_source(name):
     table = tomllib.loads((CATALOGUE / f"{name}.toml").read_text())
     words = {key for key in table if KEYS[key].part == "name"}
     assert {*camera.sources} == {*table} - words
+    SCHEMA.validate(table)
     assert all(len(source.text) > 10 for source in camera.sources.values())
     for key in ("threshold", "threshold_off"):
         if key in camera.sources:
@@ -180,7 +186,8 @@ def values_of(key):
 
 @given(data=st.data())
 def test_what_is_written_is_read(data, tmp_path):
-    """Promise: any camera comes back whole, to the bit, with sources, intervals and bounds."""
+    """Promise: any camera comes back whole, to the bit, with sources, intervals and bounds; its
+    file keeps to the schema."""
     names = data.draw(st.sets(st.sampled_from([*KEYS])))
     values, sources = {}, {}
     for name in names - {"width", "height", "cutoff_follows_light"}:
@@ -198,6 +205,7 @@ def test_what_is_written_is_read(data, tmp_path):
             )
     camera = EventCamera(name="mine", sources=sources, **values)
     write_camera(tmp_path / "mine.toml", camera)
+    SCHEMA.validate(tomllib.loads((tmp_path / "mine.toml").read_text()))
     found = read_camera(tmp_path / "mine.toml")
     assert found == camera
     assert found.sources == sources
@@ -270,6 +278,31 @@ def test_a_wrong_file_is_refused(tmp_path, text, expected):
     assert str(error.value).startswith(f"{file}: ")
     assert expected in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("cutof = 3", "base = 3", "leak = -1", "leak = 2e6", 'leak = "much"', "cutoff = 0"),
+        *("fill_factor = 1.2", "width = 3.5", "random_start = 1", 'photoreceptor = "rc"'),
+        'leak = { value = 1, unit = "lux", source = "s" }',
+        "leak = { value = 1 }",
+        'leak = { value = 1, source = "s", kind = "x" }',
+        'leak = { value = 1, source = "s", origin = 2 }',
+        'leak = { value = 1, source = "s", interval = 3 }',
+        'leak = { source = "s" }',
+    ],
+)
+def test_an_editor_sees_the_fault_too(text):
+    """Promise: the schema refuses what the reader refuses in a single key."""
+    assert not SCHEMA.is_valid(tomllib.loads(text))
+
+
+def test_the_stored_schema_is_up_to_date(eres):
+    """Promise: docs/camera.schema.json is what `eres sensors --schema` prints."""
+    code, printed, _ = eres("sensors", "--schema")
+    assert (code, json.loads(printed)) == (0, SCHEMA.schema)
+    assert (ROOT / "docs" / "camera.schema.json").read_text() == printed
 
 
 def test_what_contradicts_itself_is_refused():

@@ -1,0 +1,79 @@
+"""The JSON schema of a camera's file, with which editors complete and check it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sensor.cameras.camera import KINDS
+from sensor.cameras.fields import KEYS, Key
+from sensor.cameras.files import UNLIMITED
+
+
+def camera_schema() -> dict[str, Any]:
+    """Return the JSON schema of a camera's file, from `sensor.cameras.fields.KEYS`.
+
+    Returns
+    -------
+    dict
+        For JSON. It accepts all that `read_camera` accepts but its alias `threshold_on`; that
+        values contradict each other is found by `read_camera` alone.
+    """
+    base = {"type": "string", "description": "name or file of a camera that this one changes"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Event camera",
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {"base": base} | {name: _property(name, key) for name, key in KEYS.items()},
+        "$defs": {
+            "source": {"type": "string", "minLength": 1},
+            "kind": {"enum": [*KINDS]},
+            "interval": {
+                "type": "array",
+                "items": {"type": "number", "minimum": 0},
+                "minItems": 2,
+                "maxItems": 2,
+            },
+        },
+    }
+
+
+def _property(name: str, key: Key) -> dict[str, Any]:
+    unit, scale = next(iter(key.units.items()))
+    described = f"{key.meaning}, {unit}" if unit != "1" else key.meaning
+    if key.part == "name":
+        return {"description": described, **_value(key, 1.0)}
+    bare, in_table = _value(key, scale(1.0)), _value(key, None)
+    if name == "bus":
+        bare, in_table = ({"anyOf": [one, {"const": UNLIMITED}]} for one in (bare, in_table))
+    facts = {"value": in_table}
+    facts |= {one: {"$ref": f"#/$defs/{one}"} for one in ("source", "kind")}
+    if key.kind in ("number", "integer"):
+        facts["unit"] = {"enum": [*key.units]}
+    table: dict[str, Any] = {"type": "object", "additionalProperties": False, "properties": facts}
+    table["required"] = ["value", "source"]
+    if key.kind == "number":
+        facts["interval"] = {"$ref": "#/$defs/interval"}
+        table["required"] = ["source"]
+        table["anyOf"] = [{"required": ["value"]}, {"required": ["interval"]}]
+    return {"description": described, "anyOf": [bare, table]}
+
+
+def _value(key: Key, scale: float | None) -> dict[str, Any]:
+    """Return the schema of a value; its range, in units of `scale` if that is known."""
+    if key.kind == "word":
+        return {"enum": [*key.words]}
+    if key.kind in ("text", "flag"):
+        return {"type": "string" if key.kind == "text" else "boolean"}
+    found: dict[str, Any] = {"type": key.kind}
+    if scale is None:
+        return found | {"minimum": 0}
+    number = int if key.kind == "integer" else float
+    if key.least == math.ulp(0.0):
+        found["exclusiveMinimum"] = 0
+    else:
+        found["minimum"] = number(key.least / scale)
+    if key.most < math.inf:
+        found["maximum"] = number(key.most / scale)
+    return found
