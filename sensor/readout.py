@@ -60,10 +60,8 @@ class Readout:
     --------
     The bus of a DAVIS346, from Table 1 of the paper:
 
-    >>> from sensor import Readout
-    >>> from sensor.presets import find_sensor
-    >>> rate_mev_s = find_sensor("davis346").max_bandwidth_mev_s
-    >>> Readout(max_rate_hz=1e6 * rate_mev_s, fifo_depth=4096)
+    >>> from sensor import find_camera
+    >>> find_camera("davis346").bus
     Readout(max_rate_hz=12000000.0, fifo_depth=4096, row_overhead_s=0.0)
     """
 

@@ -14,7 +14,6 @@ from typing import Any
 from sensor.cameras.camera import KINDS, EventCamera, Source, checked
 from sensor.cameras.fields import FIELDS, KEYS, Key
 from sensor.errors import SensorError, nearest, reading
-from sensor.formats.new_file import new_file
 from sensor.numbers import real, refusal
 
 _CATALOGUE = Path(__file__).parent / "catalogue"
@@ -249,6 +248,8 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
     >>> read_camera("mine.toml") == camera
     True
     """
+    from sensor.formats.new_file import new_file  # here, as formats load libraries
+
     plain, lines = EventCamera(), []
     for name, key in KEYS.items():
         value, source = getattr(camera, FIELDS[name]), camera.sources.get(name)

@@ -1,4 +1,4 @@
-"""Read profiles: TOML files in this folder, by name, and files of users."""
+"""Profiles: the electronics of cameras of the catalogue, by name, and TOML files of users."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from sensor.cameras import camera_names, find_camera
+from sensor.cameras.fields import FIELDS as FIELDS_OF_CAMERA
 from sensor.errors import SensorError, nearest, reading
 from sensor.model import PHOTORECEPTORS, SensorModel
 from sensor.numbers import real, refusal
 from sensor.profiles.profile import Bound, Profile, Sourced
 from sensor.profiles.quantities import FIELDS, QUANTITIES
 
-_FOLDER = Path(__file__).parent
 _FACTS = {"value", "unit", "source", "interval"}
 
 
 def profile_names() -> list[str]:
-    """Return the names of the packaged profiles."""
-    return sorted(file.stem for file in _FOLDER.glob("*.toml"))
+    """Return the names of the cameras of the catalogue whose contrast threshold is known."""
+    return [name for name in camera_names() if find_camera(name).states("threshold")]
 
 
 def find_profile(name: str | Path) -> Profile:
-    """Return a packaged profile, or that of a file.
+    """Return the electronics of a camera of the catalogue, or those of a file.
 
     Parameters
     ----------
@@ -50,11 +51,22 @@ def find_profile(name: str | Path) -> Profile:
     """
     text, names = str(name), profile_names()
     if text in names:
-        return read_profile(_FOLDER / f"{text}.toml")
+        return _of_catalogue(text)
     if text.endswith(".toml") or Path(text).is_file():
         return read_profile(Path(text))
     advice = nearest(text, names, "a file such as mine.toml, or ")
     raise SensorError(f"profile: found {text!r}; {advice}")
+
+
+def _of_catalogue(name: str) -> Profile:
+    camera, known = find_camera(name), {}
+    for field in FIELDS:
+        key = "threshold" if field == "threshold_on" else field
+        if camera.states(key):
+            source = camera.sources[key]
+            value = getattr(camera, FIELDS_OF_CAMERA[key])
+            known[field] = Sourced(value, source.text, source.interval)
+    return Profile(name, camera.title, known)
 
 
 def read_profile(file: str | Path) -> Profile:
@@ -89,7 +101,6 @@ def read_profile(file: str | Path) -> Profile:
     0.0953
     """
     file = Path(file)
-    packaged = file.parent == _FOLDER
     if not file.is_file():
         raise SensorError(f"{file}: no such profile")
     with reading(file, "TOML", SensorError):
@@ -103,7 +114,7 @@ def read_profile(file: str | Path) -> Profile:
         found = {name: _read(name, facts) for name, facts in table.items()}
         known = {name: one for name, one in found.items() if isinstance(one, Sourced)}
         bounds = {name: one for name, one in found.items() if isinstance(one, Bound)}
-        profile = Profile(file.stem if packaged else str(file), title, known, bounds)
+        profile = Profile(str(file), title, known, bounds)
         profile.applied_to(SensorModel(width=1, height=1, dark_level=1.0))
     return profile
 

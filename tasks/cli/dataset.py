@@ -14,7 +14,7 @@ from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.sensor_options import NO_PROFILE, PixelOptions
+from tasks.events.sensor_options import NO_PROFILE, PixelOptions, find_grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +110,6 @@ def dataset(
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.
     """
-    from sensor.presets import find_sensor
     from sensor.profiles import find_profile
     from tasks.cli.progress_bar import progress_bar
     from tasks.generation.dataset import make_dataset
@@ -122,7 +121,7 @@ def dataset(
     if resolution is not None:
         width = height = resolution
     else:
-        model = find_sensor(sensor or "davis346").model
+        model = find_grid(sensor or "davis346").model()
         width, height = model.width, model.height
         if pixel.fill_factor is None:
             settled = replace(settled, fill_factor=model.fill_factor)

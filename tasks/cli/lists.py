@@ -73,8 +73,8 @@ def sensors(
         print(json.dumps(camera_schema(), indent=2))
         return
     from sensor.cameras import camera_names, find_camera
-    from sensor.presets import SENSORS
     from sensor.profiles import profile_names
+    from tasks.events.sensor_options import grid_names
 
     if camera is not None:
         _show(find_camera(camera))
@@ -84,7 +84,7 @@ def sensors(
         table.add_row(*_facts(found))
     terminal.out.print(table, crop=False)
     terminal.out.print()
-    for option, names in (("--sensor", SENSORS), ("--profile", profile_names())):
+    for option, names in (("--sensor", grid_names()), ("--profile", profile_names())):
         terminal.out.print(f"{option} takes {', '.join(names)}", highlight=False)
 
 

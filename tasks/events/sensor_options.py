@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sensor.errors import nearest
+from sensor.cameras import EventCamera, camera_names, find_camera
+from sensor.errors import SensorError, nearest
 from sensor.model import Photoreceptor, SensorModel
-from sensor.presets import SENSORS, find_sensor
 from sensor.profiles import Profile, find_profile
 from tasks.errors import TaskError
 
@@ -242,37 +242,53 @@ class BusOptions:
         SensorError
             A value is outside its range.
         """
-        rate_mev_s = self._rate_mev_s(sensor)
-        if rate_mev_s is None:
+        rate_hz = self._rate_hz(sensor)
+        if rate_hz is None:
             if (self.fifo, self.row_overhead) != (NO_BUS.fifo, NO_BUS.row_overhead):
                 raise TaskError("fifo, row-overhead: found no bus, expected one, such as --bus 12")
             return None
         from sensor import Readout  # here, as Numba would slow down `--help`
 
-        return Readout(
-            max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead
-        )
+        return Readout(max_rate_hz=rate_hz, fifo_depth=self.fifo, row_overhead_s=self.row_overhead)
 
-    def _rate_mev_s(self, sensor: str | None) -> float | None:
+    def _rate_hz(self, sensor: str | None) -> float | None:
         if self.bus is None:
-            return None if sensor is None else find_sensor(sensor).max_bandwidth_mev_s
+            return None if sensor is None else _known(find_grid(sensor).bus_hz)
         if self.bus == UNLIMITED:
             return None
         try:
-            return float(self.bus)
+            return float(self.bus) * 1e6
         except ValueError:
-            if self.bus not in SENSORS:
+            names = grid_names()
+            if self.bus not in names:
                 raise TaskError(
                     f"bus: found {self.bus!r}, neither a rate in million events per second, "
-                    f"such as --bus 12, nor {UNLIMITED}, nor a camera; {nearest(self.bus, SENSORS)}"
+                    f"such as --bus 12, nor {UNLIMITED}, nor a camera; {nearest(self.bus, names)}"
                 ) from None
-        rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
-        if rate_mev_s is None:
+        rate_hz = _known(find_grid(self.bus).bus_hz)
+        if rate_hz is None:
             raise TaskError(
                 f"bus: the bandwidth of {self.bus!r} is unknown, expected a rate in million events "
                 "per second, such as --bus 12, or another camera"
             )
-        return rate_mev_s
+        return rate_hz
+
+
+def _known(rate_hz: float) -> float | None:
+    return rate_hz if rate_hz < math.inf else None
+
+
+def grid_names() -> list[str]:
+    """Return the names of the cameras of the catalogue that have a grid."""
+    return [name for name in camera_names() if find_camera(name).width is not None]
+
+
+def find_grid(name: str) -> EventCamera:
+    """Return a camera of the catalogue with its grid and bus, and with ideal electronics."""
+    names = grid_names()
+    if name not in names:
+        raise SensorError(f"sensor: found {name!r}; {nearest(name, names)}")
+    return find_camera(name).with_electronics(EventCamera())
 
 
 UNLIMITED = "unlimited"

@@ -22,12 +22,11 @@ from sensor.formats import FORMATS, Format, find_format, write_events
 from sensor.formats.header import Value
 from sensor.levels import DARK_FRACTION
 from sensor.optics import crop_to_aspect
-from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.events.imu import imu_to_add
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
-from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions, find_grid
 from tasks.events.truth import AddTo, truth_to_add
 from tasks.origin import origin_of
 from tasks.warm_up import warn_if_coarse, warn_if_short
@@ -133,7 +132,7 @@ def sensor_for(
         There is no such preset, or a value is outside its range.
     """
     if sensor is not None and resolution is None:
-        model = find_sensor(sensor).model
+        model = find_grid(sensor).model()
     elif sensor is None and resolution is not None:
         height = max(1, round(resolution * frames.height / frames.width))
         model = SensorModel(width=resolution, height=height)

@@ -12,10 +12,9 @@ from eres_render.errors import nearest
 from eres_render.storage.settings_reader import read_toml, read_typed
 from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel, cutoff_in_light
-from sensor.presets import SENSORS, find_sensor
 from sensor.profiles import find_profile
 from tasks.errors import StudyError, TaskError
-from tasks.events.sensor_options import BusOptions, PixelOptions
+from tasks.events.sensor_options import BusOptions, PixelOptions, find_grid, grid_names
 
 if TYPE_CHECKING:
     from sensor import Readout
@@ -205,13 +204,13 @@ def read_sensor(
     if not isinstance(table, dict):
         raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
     body, pixel, bus = _options(table, file, place)
-    if body.sensor is None and body.width is None and pixel.profile in SENSORS:
+    if body.sensor is None and body.width is None and pixel.profile in grid_names():
         body = replace(body, sensor=pixel.profile)  # the camera that the profile describes
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
         camera = body.sensor
-        if camera is not None and find_sensor(camera).max_bandwidth_mev_s is None:
+        if camera is not None and find_grid(camera).bus_hz == math.inf:
             camera = None
         if bus.bus is camera is None and bus != BusOptions() and bus_mev_s is not None:
             bus = replace(bus, bus=repr(bus_mev_s))
@@ -274,7 +273,7 @@ def _plain(body: _Body) -> SensorModel:
             "`eres sensors`, or width and height in px"
         )
     if body.sensor is not None:
-        return find_sensor(body.sensor).model
+        return find_grid(body.sensor).model()
     assert body.width is not None, "checked above"
     height = body.width if body.height is None else body.height
     return SensorModel(width=body.width, height=height)

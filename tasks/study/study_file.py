@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field, fields, make_dataclass
 from pathlib import Path
 from typing import Any
 
 from eres_render.storage.settings_reader import check_known, read_toml, read_typed
 from sensor.errors import SensorError
-from sensor.presets import find_sensor
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
+from tasks.events.sensor_options import find_grid
 from tasks.registry import TASKS, load
 from tasks.study.changes import is_path, with_weights
 from tasks.study.sensors import read_sensor
@@ -148,12 +149,12 @@ def _bus_mev_s(camera: Any, file: Path) -> float:
     if not isinstance(camera, str):
         raise StudyError(f"{place}: found {camera!r}, expected a camera; bus_mev_s takes a number")
     try:
-        found = find_sensor(camera).max_bandwidth_mev_s
+        found = find_grid(camera).bus_hz
     except SensorError as error:
         raise StudyError(f"{place}: {error}") from None
-    if found is None:
+    if found == math.inf:
         raise StudyError(f"{place}: the bus of {camera!r} is unknown, expected bus_mev_s = NUMBER")
-    return float(found)
+    return found / 1e6
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:

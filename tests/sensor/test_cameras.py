@@ -33,7 +33,6 @@ from sensor.cameras.fields import FIELDS, KEYS
 from sensor.cameras.schema import camera_schema
 from sensor.events import concatenate
 from sensor.levels import white_level
-from sensor.presets import SENSORS
 from sensor.profiles import find_profile, profile_names
 
 CATALOGUE = Path(files.__file__).parent / "catalogue"
@@ -56,31 +55,66 @@ def test_every_value_of_the_catalogue_has_a_source(name):
             assert camera.sources[key].kind in ("smallest", "nominal", "given")
 
 
+# Name, supplier, camera, year, resolution, interface, max. bandwidth in Mev/s: Table 1 as printed.
+TABLE_1 = """
+dvs128 | iniVation | DVS128 | 2008 | 128x128 | USB 2 | 1
+davis240 | iniVation | DAVIS240 | 2014 | 240x180 | USB 2 | 12
+davis346 | iniVation | DAVIS346 | 2017 | 346x260 | USB 3 | 12
+dvxplorer | iniVation | DVXPlorer | 2020 | 640x480 | USB 3 | 165
+atis | Prophesee | ATIS | 2011 | 304x240 | - | -
+gen3-cd | Prophesee | Gen3 CD | 2017 | 640x480 | USB 3 | 66
+gen3-atis | Prophesee | Gen3 ATIS | 2017 | 480x360 | USB 3 | 66
+gen4-cd | Prophesee | Gen4 CD | 2020 | 1280x720 | USB 3 | 1066
+dvs-gen2 | Samsung | DVS-Gen2 | 2017 | 640x480 | USB 2 | 300
+dvs-gen3 | Samsung | DVS-Gen3 | 2018 | 640x480 | USB 3 | 600
+dvs-gen4 | Samsung | DVS-Gen4 | 2020 | 1280x960 | USB 3 | 1200
+celex-iv | CelePixel | CeleX-IV | 2017 | 768x640 | - | 200
+celex-v | CelePixel | CeleX-V | 2019 | 1280x800 | - | 140
+rhino-3 | Insightness | Rhino 3 | 2018 | 320x262 | USB 2 | 50
+"""
+GRIDS = [line.split()[0] for line in TABLE_1.strip().splitlines()]
+
+
 def test_the_catalogue_has_the_cameras_of_the_papers_table():
-    """Source: Table 1: grids and maximum bandwidths; pitches and fill factors as stored."""
-    for name, preset in SENSORS.items():
-        camera, mev_s = find_camera(name), preset.max_bandwidth_mev_s
-        assert (camera.width, camera.height) == (preset.model.width, preset.model.height)
-        assert camera.pitch_um == preset.pixel_pitch_um
-        assert camera.fill_factor == preset.fill_factor
-        assert camera.bus_hz == (math.inf if mev_s is None else 1e6 * mev_s)
-        assert (camera.year, camera.interface) == (preset.year, preset.interface or "")
+    """Source: every row of Table 1."""
+    rows = []
+    for camera in map(find_camera, GRIDS):
+        size, mev_s = f"{camera.width}x{camera.height}", camera.bus_hz / 1e6
+        bus = "-" if math.isinf(mev_s) else f"{mev_s:g}"
+        named = camera.name, camera.supplier, camera.title.removeprefix(f"{camera.supplier} ")
+        rows.append(" | ".join((*named, str(camera.year), size, camera.interface or "-", bus)))
+    assert rows == TABLE_1.strip().splitlines()
     others = {"ideal", "imx636", "v2e-clean", "v2e-noisy"}
-    assert {*camera_names()} == {*SENSORS} | others
+    assert {*camera_names()} == {*GRIDS} | others
     assert all(find_camera(name).width is None for name in others)
 
 
+def test_cameras_have_the_pitch_and_fill_factor_of_the_survey():
+    """Source: table 1 of Gallego et al., IEEE TPAMI 2022: pixel size, um, and fill factor, %; the
+    DVS128's fill factor from Lichtsteiner, Posch and Delbruck 2008; the DVXPlorer is not there."""
+    pitches = [40, 18.5, 18.5, 9, 30, 15, 20, 4.86, 9, 9, 4.95, 18, 9.8, 13]
+    fills = [9.4, 22, 22, None, 20, 25, 20, 77, 11, 12, 22, 8.5, 8, 22]
+    for camera, pitch, fill in zip(map(find_camera, GRIDS), pitches, fills, strict=True):
+        assert camera.pitch_um == pitch
+        assert camera.fill_factor == (None if fill is None else pytest.approx(fill / 100))
+        assert camera.model().fill_factor == (camera.fill_factor or 1)
+
+
 def test_models_are_those_of_grids_and_profiles():
-    """Promise: a grid with the electronics of a camera gives the model that a preset with a profile
-    gave, in any light, to the last bit of the cutoff and the noise."""
-    joined = {"gen3": "gen3-cd", "gen4": "gen4-cd"}
+    """Promise: a grid with the electronics of a camera gives the model that it has with a profile,
+    in any light, to the last bit of the cutoff and the noise."""
     for grid, profile, lux in itertools.product(
-        SENSORS, [None, *profile_names()], [None, 1000.0, 67.0, 17.0, 0.1]
+        GRIDS, [None, *profile_names()], [None, 1000.0, 67.0, 17.0, 0.1]
     ):
-        electronics = "ideal" if profile is None else joined.get(profile, profile)
-        found = find_camera(grid).with_electronics(find_camera(electronics))
+        camera = find_camera(grid)
+        found = camera.with_electronics(find_camera(profile or "ideal"))
         model = found.model(lux=lux, white=2.5)
-        before = replace(SENSORS[grid].model, dark_level=1e-3 * 2.5)
+        before = SensorModel(
+            width=camera.width,
+            height=camera.height,
+            fill_factor=camera.fill_factor or 1.0,
+            dark_level=1e-3 * 2.5,
+        )
         if profile is not None:
             before = find_profile(profile).applied_to(before, lux)
         elif lux is not None:

@@ -20,7 +20,7 @@ from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import Events, Readout, SensorModel, camera_names, read_out, simulate
+from sensor import EventCamera, Events, Readout, SensorModel, camera_names, read_out, simulate
 from sensor.errors import EventFormatError
 from sensor.events import concatenate
 from sensor.formats import (
@@ -32,10 +32,10 @@ from sensor.formats import (
     write_events,
 )
 from sensor.optics import crop_to_aspect
-from sensor.presets import SENSORS, SensorPreset
 from sensor.profiles import profile_names
 from tasks.errors import TaskError
 from tasks.evaluation.sequence import evaluate_sequence
+from tasks.events.sensor_options import grid_names
 from tasks.events.simulation import SimulationOptions, simulate_frames
 from tasks.registry import TASKS
 from tasks.warm_up import warn_if_short
@@ -252,15 +252,9 @@ def test_truth_in_the_same_file(eres, sequence, tmp_path):
 
 def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
     """Promise: a sensor with a wider aspect ratio than the frames also has square pixels."""
-    wide = SensorPreset(
-        supplier="",
-        camera="",
-        year=2026,
-        interface=None,
-        max_bandwidth_mev_s=None,
-        model=SensorModel(width=32, height=18, contrast_threshold=0.1),
-    )
-    monkeypatch.setitem(SENSORS, "wide", wide)
+    wide = EventCamera(width=32, height=18, contrast_threshold=0.1)
+    monkeypatch.setattr("tasks.events.sensor_options.find_grid", lambda _: wide)
+    monkeypatch.setattr("tasks.events.simulation.find_grid", lambda _: wide)
     out = tmp_path / "out.h5"
     arguments = ["--out", out, "--sensor", "wide", "--truth", 1]
     assert eres("simulate", sequence.folder, *arguments)[0] == 0
@@ -675,8 +669,8 @@ def test_sensors(eres):
     assert found["gen4-cd"] == "gen4-cd 1280x720 4.86 77 % 11 min 0.36-3 lent leak 1066"
     assert found["dvs128"] == "dvs128 128x128 40 9.4 % 17 min 3 leak 1"
     assert found["v2e-noisy"] == "v2e-noisy - - - 22.1/18.1 3 lent leak, shot -"
-    assert {*re.findall(r"[\w-]+", options)} >= {*SENSORS, *profile_names()}
-    assert {*SENSORS, *profile_names()} <= {*camera_names()}
+    assert {*re.findall(r"[\w-]+", options)} >= {*grid_names(), *profile_names()}
+    assert {*grid_names(), *profile_names()} == {*camera_names()}
 
 
 def test_a_camera_is_shown_with_its_sources(eres):
@@ -732,7 +726,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
             [*SIMULATE, "--bus", "foo"],
             1,
             "bus: found 'foo', neither a rate in million events per second, such as --bus "
-            "12, nor unlimited, nor a camera; expected one of dvs128",
+            "12, nor unlimited, nor a camera; expected one of atis",
         ),
         ([*SIMULATE, "--bus", "atis"], 1, "the bandwidth of 'atis' is unknown"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),

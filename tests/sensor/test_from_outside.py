@@ -5,23 +5,15 @@ import inspect
 import numpy as np
 import pytest
 
-from sensor import Events, SensorModel, simulate
+from sensor import EventCamera, Events, find_camera, simulate, write_camera
 from sensor.formats import FORMATS, Format, Header, load_events, read_header, write_events
-from sensor.presets import SENSORS, SensorPreset, find_sensor
 
 T_S = np.arange(30) * 1e-3
 FRAMES = 1.1 + np.sin(np.arange(40) + 90 * T_S[:, None, None]) * np.ones((30, 30, 40))
 
 
 def own_sensor():
-    return SensorPreset(
-        supplier="Ours",
-        camera="Event 1",
-        year=2026,
-        interface="USB 3",
-        max_bandwidth_mev_s=20,
-        model=SensorModel(width=40, height=30, cutoff_hz=120.0, dark_level=0.01),
-    )
+    return EventCamera(name="event1", width=40, height=30, cutoff_hz=120.0, bus_hz=20e6)
 
 
 def own_format():
@@ -48,19 +40,19 @@ def test_it_takes_less_than_20_lines(written):
     assert len(inspect.getsource(written).splitlines()) < 20
 
 
-def test_a_sensor_from_outside_is_one_like_any_other(monkeypatch, tmp_path):
-    """Promise: an entry in SENSORS gives it a name; it fires events, and files store it."""
-    monkeypatch.setitem(SENSORS, "event1", own_sensor())
-    events = simulate(FRAMES, T_S, find_sensor("event1").model)
+def test_a_sensor_from_outside_is_one_like_any_other(tmp_path):
+    """Promise: a file gives it a name; it fires events, and files of events store it."""
+    write_camera(tmp_path / "event1.toml", own_sensor())
+    events = find_camera(tmp_path / "event1.toml").simulate(FRAMES, T_S, white=1.0)
     assert len(events) > 1000
     write_events(tmp_path / "events.h5", events)
-    assert load_events(tmp_path / "events.h5").model == own_sensor().model
+    assert load_events(tmp_path / "events.h5").model == own_sensor().model()
 
 
 def test_a_format_from_outside_is_one_like_any_other(monkeypatch, tmp_path, caplog):
     """Promise: an entry in FORMATS adds its extension, and a warning names lost data."""
     monkeypatch.setitem(FORMATS, "rows", own_format())
-    events = simulate(FRAMES, T_S, own_sensor().model)
+    events = simulate(FRAMES, T_S, own_sensor().model())
     file = tmp_path / "events.rows"
     assert write_events(file, events) == len(events) > 1000
     assert "a row for each event cannot store sensor model" in caplog.text

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 
-from sensor.presets import SENSORS, SensorPreset
+from sensor.cameras import camera_names, find_camera
 
 
-def capacities_hz(cameras: Mapping[str, SensorPreset] = SENSORS) -> list[float]:
-    """Return the distinct bus capacities of real cameras, events/s, ascending."""
-    stated = {c.max_bandwidth_mev_s for c in cameras.values()} - {None}
-    return sorted(1e6 * bandwidth for bandwidth in stated if bandwidth is not None)
+def capacities_hz(widest: float = math.inf) -> list[float]:
+    """Return the distinct bus capacities of cameras up to a width, events/s, ascending."""
+    cameras = map(find_camera, camera_names())
+    narrow = [one for one in cameras if one.width is not None and one.width <= widest]
+    return sorted({one.bus_hz for one in narrow} - {math.inf})
 
 
 def usual_bus_hz(width: int) -> float:
@@ -26,5 +27,4 @@ def usual_bus_hz(width: int) -> float:
     float
         Capacity; that of the slowest bus if all cameras are wider.
     """
-    coarse = {name: one for name, one in SENSORS.items() if one.model.width <= width}
-    return max(capacities_hz(coarse), default=min(capacities_hz()))
+    return max(capacities_hz(width), default=min(capacities_hz()))
