@@ -46,7 +46,6 @@ pytestmark = pytest.mark.slow
 
 SEED = 11
 MUTATIONS = 300
-OF_PROCESSES = 30  # of readers that start a process for each
 MAX_S = 20.0  # a machine may be busy; a reader that hangs takes longer
 MAX_BYTES = 1 << 30
 NUMBERS = (
@@ -415,7 +414,7 @@ def test_a_mutated_file_reads_or_is_named(name, tmp_path):
     read(path)
     rng = np.random.default_rng(SEED)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for k in range(OF_PROCESSES if make.__qualname__.startswith("faery") else MUTATIONS):
+    for k in range(MUTATIONS):
         path.write_bytes(mutated(data, rng))
         start = time.monotonic()
         with warnings.catch_warnings(record=True) as warned:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import io
+import math
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,6 +30,8 @@ _COMPRESSIONS = {"zip": OpenEXR.ZIP_COMPRESSION, "none": OpenEXR.NO_COMPRESSION}
 _LEAST_TOO_LARGE = 65520  # rounds to infinity in half precision
 # CIE x and y of red, green, blue and white of Rec. 709, the primaries of a file that names none.
 _REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+_FREE_PIXELS = 1 << 26  # of a display window
+_MAX_GROWTH = 500  # further ones for each pixel of the data window
 _DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 _silencing = threading.Lock()
 
@@ -254,11 +257,13 @@ def _luminance_weights(chromaticities: Sequence[float]) -> NDArray[np.float32]:
 
 def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArray[np.float32]:
     """Return an image of the data window on the display window, 0 elsewhere."""
-    first, last = header["displayWindow"]
+    first, last = (np.asarray(corner, np.int64) for corner in header["displayWindow"])
     start = header["dataWindow"][0] - first  # of the data, in the display window
     size = last - first + 1
     if not start.any() and image.shape == (size[1], size[0]):
         return image
+    if math.prod(size.tolist()) > _FREE_PIXELS + _MAX_GROWTH * image.size:
+        raise ValueError("a display window far larger than its data window")
     shown = np.zeros((size[1], size[0]), np.float32)
     low = np.clip(start, 0, size)
     high = np.clip(start + image.shape[::-1], low, size)
@@ -359,6 +364,8 @@ def _open(
             OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
         ):
             yield file
-    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+    except OSError:  # of the system
+        raise
+    except Exception as error:  # what a damaged file makes of the library cannot be listed
         found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
         raise RenderError(f"{path}: found {found}, expected {expected}") from error

@@ -209,12 +209,10 @@ def read_sensor(
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
-        camera = body.sensor
-        if camera is not None and find_grid(camera).bus_hz == math.inf:
-            camera = None
-        if bus.bus is camera is None and bus != BusOptions() and bus_mev_s is not None:
+        known_bus = body.sensor is not None and find_grid(body.sensor).bus_hz < math.inf
+        if bus.bus is None and not known_bus and bus != BusOptions() and bus_mev_s is not None:
             bus = replace(bus, bus=repr(bus_mev_s))
-        readout = bus.readout(camera)
+        readout = bus.readout(body.sensor)
     except (SensorError, TaskError) as error:
         raise StudyError(f"{where}: {error}") from None
     known = {} if pixel.profile is None else find_profile(_in_file(pixel, file).profile or "").known

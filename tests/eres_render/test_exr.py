@@ -60,6 +60,20 @@ def test_the_picture_is_the_display_window(tmp_path, display, data):
     assert find_layer(file).corner == display[:2]
 
 
+def test_a_small_file_does_not_become_a_large_picture(tmp_path):
+    """Promise: a display window may be larger than the data, but not without bound."""
+    light = {"Y": np.ones((4, 4), np.float32)}
+    large, endless = (
+        write(
+            tmp_path / f"{side}.exr", ({"displayWindow": corners(0, 0, side - 1, side - 1)}, light)
+        )
+        for side in (4096, 100_000)
+    )
+    assert read_luminance(large).sum() == 16
+    with pytest.raises(RenderError, match=r"100000\.exr: found \d+ bytes"):
+        read_luminance(endless)
+
+
 @pytest.mark.parametrize("primaries", ROWS)
 def test_luminance_has_the_weights_of_the_primaries(tmp_path, primaries):
     """Physics: weights follow from the primaries and white; a negative one is no error."""
