@@ -202,3 +202,6 @@ KEYS: dict[str, Key] = {
 
 FIELDS: dict[str, str] = {name: key.field or name for name, key in KEYS.items()}
 """The field of `EventCamera` of each key."""
+
+ALIASES = {"threshold_on": "threshold"}
+"""Other names of keys, in the files of `sensor.profiles`."""

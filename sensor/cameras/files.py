@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from sensor.cameras.camera import KINDS, EventCamera, Source, checked
-from sensor.cameras.fields import FIELDS, KEYS, Key
+from sensor.cameras.fields import ALIASES, FIELDS, KEYS, Key
 from sensor.errors import SensorError, nearest, reading
 from sensor.numbers import real, refusal
 
 _CATALOGUE = Path(__file__).parent / "catalogue"
 _FACTS = "value", "unit", "source", "kind", "interval"
-_ALIASES = {"threshold_on": "threshold"}
 UNLIMITED = "unlimited"
 
 
@@ -136,7 +135,7 @@ def read_camera(file: str | Path) -> EventCamera:
         raise SensorError(f"{file}: no such camera")
     with reading(file, "TOML", SensorError):
         table = tomllib.loads(file.read_text(encoding="utf-8"))
-        table = {_ALIASES.get(name, name): value for name, value in table.items()}
+        table = {ALIASES.get(name, name): value for name, value in table.items()}
         base = table.pop("base", None)
         camera = EventCamera()
         if base is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sensor.cameras import camera_names, find_camera
+from sensor.cameras.fields import ALIASES
 from sensor.cameras.fields import FIELDS as FIELDS_OF_CAMERA
 from sensor.errors import SensorError, nearest, reading
 from sensor.model import PHOTORECEPTORS, SensorModel
@@ -61,7 +62,7 @@ def find_profile(name: str | Path) -> Profile:
 def _of_catalogue(name: str) -> Profile:
     camera, known = find_camera(name), {}
     for field in FIELDS:
-        key = "threshold" if field == "threshold_on" else field
+        key = ALIASES.get(field, field)
         if camera.states(key):
             source = camera.sources[key]
             value = getattr(camera, FIELDS_OF_CAMERA[key])
