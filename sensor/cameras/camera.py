@@ -175,9 +175,20 @@ random_start
             max_rate_hz=self.bus_hz, fifo_depth=self.fifo, row_overhead_s=self.row_overhead_s
         )
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px; a camera without a grid raises `SensorError`."""
+        if self.width is None or self.height is None:
+            raise SensorError(
+                f"{self.name or 'camera'}: found no width and height, expected a grid"
+            )
+        return self.width, self.height
+
     def states(self, key: str) -> bool:
         """Return whether the camera has a value of its own for a key, not only a bound."""
-        return key in self.sources and self.sources[key].kind != "bound"
+        if key in self.sources:
+            return self.sources[key].kind != "bound"
+        return bool(getattr(self, FIELDS[key]) != _DEFAULTS[FIELDS[key]])
 
     def on(self, width: int, height: int) -> EventCamera:
         """Return these pixels on another grid.
@@ -301,11 +312,7 @@ random_start
         """
         if lux is not None and cutoff_hz is not None:
             raise SensorError("found both lux and cutoff_hz, expected at most one of them")
-        if self.width is None or self.height is None:
-            raise SensorError(
-                f"{self.name or 'camera'}: found no width and height, expected a grid: "
-                "camera.on(width, height)"
-            )
+        width, height = self.size
         noise_hz = self.shot_noise_hz
         if lux is not None:
             noise_hz *= self._noise_factor(_checked_lux(lux))
@@ -322,6 +329,8 @@ random_start
         return SensorModel(
             **values
             | {
+                "width": width,
+                "height": height,
                 "fill_factor": self.fill_factor or 1.0,
                 "cutoff_hz": cutoff_hz,
                 "shot_noise_hz": noise_hz,
@@ -467,6 +476,7 @@ random_start
         *,
         lux: float | Sequence[float] | None = None,
         cutoff_hz: float | Sequence[float] | None = None,
+        thresholds: Sequence[float] = (),
     ) -> str:
         """Return in words what a simulation of this camera assumes.
 
@@ -474,19 +484,22 @@ random_start
         ----------
         lux, cutoff_hz
             As for `model`, or several of them.
+        thresholds
+            Contrast thresholds in place of the camera's, log units.
 
         Returns
         -------
         str
             One line: grid, thresholds with their kind, light and cutoff, dark level, noise, bus.
         """
-        size = "no grid" if self.width is None else f"{self.width}x{self.height}"
-        chip = [f"{self.name or 'plain'}: {size}"]
+        chip = [] if self.width is None else [f"{self.width}x{self.height}"]
         if self.pitch_um is not None:
             chip.append(f"{self.pitch_um:g} um")
         if self.fill_factor is not None:
             chip.append(f"fill {100 * self.fill_factor:g} %")
-        parts = [", ".join(chip), self._threshold_words(), self._light_words(lux, cutoff_hz)]
+        parts = [", ".join(chip)] if chip else []
+        parts.append(f"C {_listed(thresholds)}" if thresholds else self._threshold_words())
+        parts.append(self._light_words(lux, cutoff_hz))
         parts.append(f"dark {100 * self.dark_share:g} % of white")
         noise = {"leak": self.leak_hz, "shot noise": self.shot_noise_hz}
         said = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
@@ -504,7 +517,7 @@ random_start
         bus = f"bus {self.bus_hz / 1e6:g} Mev/s"
         if math.isinf(self.bus_hz):
             bus = "no bus" if self.states("bus") or not self.name else "bus unknown, unlimited"
-        return "; ".join([*parts, bus])
+        return f"{self.name or 'plain'}: {'; '.join([*parts, bus])}"
 
     def _threshold_words(self) -> str:
         on, off = self.contrast_threshold, self.contrast_threshold_off

@@ -48,10 +48,9 @@ def _with_keys(options: _Options) -> _Options:
         if name not in _NO_OPTION
     ]
     namespace = {"__doc__": options.__doc__, "__module__": options.__module__}
-    made: Any = make_dataclass(
+    return make_dataclass(  # type: ignore[return-value]
         options.__name__, more, bases=(options,), namespace=namespace, frozen=True, kw_only=True
     )
-    return made  # type: ignore[no-any-return]
 
 
 @_with_keys
