@@ -122,9 +122,9 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     found = table.pop("sensors")
     if not isinstance(found, list):
         raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
-    table["sensors"] = tuple(
+    table["sensors"] = [
         read_camera_of(one, file, f"simulate.sensors[{i}]") for i, one in enumerate(found)
-    )
+    ]
     return table
 
 
