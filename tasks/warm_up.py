@@ -49,7 +49,11 @@ def needed_s(
 
 
 def warn_if_short(
-    sequence: RadianceSequence, cutoff_hz: float, speed: float, windows_before: int = 0
+    sequence: RadianceSequence,
+    cutoff_hz: float,
+    speed: float,
+    windows_before: int = 0,
+    time_constants: float = TIME_CONSTANTS,
 ) -> None:
     """Warn if a sensor's events still depend on the sequence's start when the window begins.
 
@@ -61,14 +65,16 @@ def warn_if_short(
         As for `needed_s`.
     windows_before
         Number of windows of the same length before the window whose events are used too.
+    time_constants
+        As for `needed_s`.
     """
     start_s = float(sequence.t_s[0])
     window_s = sequence.window_s[1] - sequence.window_s[0]
     seconds = max(0.0, sequence.window_s[0] - windows_before * window_s - start_s)
-    needs_s = needed_s(cutoff_hz, speed)
+    needs_s = needed_s(cutoff_hz, speed, time_constants=time_constants)
     is_continuous = start_s == sequence.window_s[0] == 0  # from the path's start: all is scored
     if seconds < _ENOUGH * needs_s and not is_continuous:
-        of_filter = f", {TIME_CONSTANTS:g} time constants of a {cutoff_hz:.3g} Hz filter"
+        of_filter = f", {time_constants:g} time constants of a {cutoff_hz:.3g} Hz filter"
         _log.warning(
             "the clip's warm-up is %.3g ms of the path, expected %.3g ms%s: the window's first "
             "events still depend on where the sequence starts; render with a longer --warmup",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
@@ -175,9 +175,20 @@ random_start
             max_rate_hz=self.bus_hz, fifo_depth=self.fifo, row_overhead_s=self.row_overhead_s
         )
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px; a camera without a grid raises `SensorError`."""
+        if self.width is None or self.height is None:
+            raise SensorError(
+                f"{self.name or 'camera'}: found no width and height, expected a grid"
+            )
+        return self.width, self.height
+
     def states(self, key: str) -> bool:
         """Return whether the camera has a value of its own for a key, not only a bound."""
-        return key in self.sources and self.sources[key].kind != "bound"
+        if key in self.sources:
+            return self.sources[key].kind != "bound"
+        return bool(getattr(self, FIELDS[key]) != _DEFAULTS[FIELDS[key]])
 
     def on(self, width: int, height: int) -> EventCamera:
         """Return these pixels on another grid.
@@ -301,11 +312,7 @@ random_start
         """
         if lux is not None and cutoff_hz is not None:
             raise SensorError("found both lux and cutoff_hz, expected at most one of them")
-        if self.width is None or self.height is None:
-            raise SensorError(
-                f"{self.name or 'camera'}: found no width and height, expected a grid: "
-                "camera.on(width, height)"
-            )
+        width, height = self.size
         noise_hz = self.shot_noise_hz
         if lux is not None:
             noise_hz *= self._noise_factor(_checked_lux(lux))
@@ -322,6 +329,8 @@ random_start
         return SensorModel(
             **values
             | {
+                "width": width,
+                "height": height,
                 "fill_factor": self.fill_factor or 1.0,
                 "cutoff_hz": cutoff_hz,
                 "shot_noise_hz": noise_hz,
@@ -462,60 +471,101 @@ random_start
 
         return concatenate(list(self.stream(frames, t_s, **options)))
 
-    def assumptions(self, *, lux: float | None = None, cutoff_hz: float | None = None) -> str:
+    def assumptions(
+        self,
+        *,
+        lux: float | Sequence[float] | None = None,
+        cutoff_hz: float | Sequence[float] | None = None,
+        thresholds: Sequence[float] = (),
+    ) -> str:
         """Return in words what a simulation of this camera assumes.
 
         Parameters
         ----------
         lux, cutoff_hz
-            As for `model`.
+            As for `model`, or several of them.
+        thresholds
+            Contrast thresholds in place of the camera's, log units.
 
         Returns
         -------
         str
             One line: grid, thresholds with their kind, light and cutoff, dark level, noise, bus.
         """
-        size = "no grid" if self.width is None else f"{self.width}x{self.height}"
-        chip = [size]
+        chip = [] if self.width is None else [f"{self.width}x{self.height}"]
         if self.pitch_um is not None:
             chip.append(f"{self.pitch_um:g} um")
         if self.fill_factor is not None:
             chip.append(f"fill {100 * self.fill_factor:g} %")
-        parts = [f"{self.name or 'plain'}: {', '.join(chip)}", self._threshold_words()]
+        parts = [", ".join(chip)] if chip else []
+        parts.append(f"C {_listed(thresholds)}" if thresholds else self._threshold_words())
         parts.append(self._light_words(lux, cutoff_hz))
         parts.append(f"dark {100 * self.dark_share:g} % of white")
         noise = {"leak": self.leak_hz, "shot noise": self.shot_noise_hz}
         said = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
         unknown = [what for what in noise if not self.states(what.replace(" ", "_"))]
         parts.append(", ".join(said) or "no noise")
-        if unknown:
+        if unknown and self.name:
             parts[-1] += f" ({' and '.join(unknown)} unknown, 0)"
+        for name in _ALSO_SAID:
+            if (value := getattr(self, FIELDS[name])) != _DEFAULTS[FIELDS[name]]:
+                unit = next(iter(KEYS[name].units)).removesuffix("1")
+                if unit == "s":
+                    value, unit = 1e6 * value, "us"
+                amount = "" if value is True else f"{value:g}"
+                parts.append(" ".join(filter(None, (name.replace("_", " "), amount, unit))))
         bus = f"bus {self.bus_hz / 1e6:g} Mev/s"
-        if self.bus is None:
+        if math.isinf(self.bus_hz):
             bus = "no bus" if self.states("bus") or not self.name else "bus unknown, unlimited"
-        return "; ".join([*parts, bus])
+        return f"{self.name or 'plain'}: {'; '.join([*parts, bus])}"
 
     def _threshold_words(self) -> str:
         on, off = self.contrast_threshold, self.contrast_threshold_off
-        text = f"C {on:.3g}" if off is None else f"C +{on:.3g}/-{off:.3g}"
+        text = f"C {on:.3g}" if off in (None, on) else f"C +{on:.3g}/-{off:.3g}"
         source = self.sources.get("threshold")
-        return f"{text} ({source.kind})" if source else text
+        if source:
+            return f"{text} ({source.kind})"
+        return f"{text} (unknown, the default)" if self.name else text
 
-    def _light_words(self, lux: float | None, cutoff_hz: float | None) -> str:
+    def _light_words(
+        self, lux: float | Sequence[float] | None, cutoff_hz: float | Sequence[float] | None
+    ) -> str:
+        filter_words = {"two_pole": "", "one_pole": "one pole, ", "v2e": "v2e's pole, "}
+        text = filter_words[self.photoreceptor]
+        if self.cutoff_follows_light:
+            text += "following the light of each pixel, "
         if lux is None:
-            hz = self.cutoff_hz if cutoff_hz is None else cutoff_hz
-            return "ideal pixels" if math.isinf(hz) else f"cutoff {hz:g} Hz"
-        text = f"{lux:g} lux: cutoff {self.cutoff_at(lux):.3g} Hz"
+            found = _several(self.cutoff_hz if cutoff_hz is None else cutoff_hz)
+            limited = [hz for hz in found if math.isfinite(hz)]
+            ideal = ["ideal pixels"] if len(limited) < len(found) else []
+            return ", ".join(ideal + ([f"{text}cutoff {_listed(limited)} Hz"] if limited else []))
+        found = _several(lux)
+        text = f"{_listed(found)} lux: {text}cutoff {_listed(map(self.cutoff_at, found))} Hz"
         if not self.borrows_cutoff:
             return text
         ends = [
-            f"{replace(self, area_exponent=g).cutoff_at(lux):.3g} Hz at area^{g:g}"
+            f"{_listed(map(replace(self, area_exponent=g).cutoff_at, found))} Hz at area^{g:g}"
             for g in (0.0, 1.0)
             if g != self.area_exponent
         ]
         if self.area_um2 is None:
             ends = ["area unknown"]
         return f"{text}, lent by {self.like}, area^{self.area_exponent:g} ({', '.join(ends)})"
+
+
+# Keys that an answer names only if their values are not the defaults.
+_ALSO_SAID = (
+    *("threshold_mismatch", "hot_pixels", "hot_pixel_rate", "refractory", "latency"),
+    "random_start",
+)
+
+
+def _several(value: float | Sequence[float]) -> list[float]:
+    return [*value] if isinstance(value, Sequence) else [value]
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
 
 
 _DEFAULTS = {one.name: one.default for one in fields(EventCamera)}

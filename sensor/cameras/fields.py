@@ -43,6 +43,8 @@ class Key:
     ----------
     meaning
         What its value is, in words.
+    note
+        More about it, for the help of its option.
     field
         Its field of `EventCamera`; "" if it is the key itself.
     kind
@@ -59,6 +61,7 @@ class Key:
     """
 
     meaning: str
+    note: str = ""
     field: str = ""
     kind: Literal["number", "integer", "text", "flag", "word"] = "number"
     units: Mapping[str, Convert] = field_of(default_factory=lambda: {"1": float})
@@ -106,6 +109,7 @@ KEYS: dict[str, Key] = {
     ),
     "threshold": Key(
         meaning="contrast threshold of ON events, and of OFF events without threshold_off",
+        note="0.2 by default",
         field="contrast_threshold",
         units={"log": _times(1), "%": _rise},
         least=LEAST_THRESHOLD,
@@ -119,11 +123,20 @@ KEYS: dict[str, Key] = {
         most=LARGEST_THRESHOLD,
     ),
     "threshold_mismatch": Key(
-        meaning="standard deviation of the thresholds between pixels", units=_LOG, most=1e6
+        meaning="standard deviation of the thresholds between pixels",
+        note="typically 0.03",
+        units=_LOG,
+        most=1e6,
     ),
-    "photoreceptor": Key(meaning="its filter", kind="word", words=PHOTORECEPTORS),
+    "photoreceptor": Key(
+        meaning="filter of its pixels",
+        note="v2e's is one pole whose cutoff follows the light of each pixel",
+        kind="word",
+        words=PHOTORECEPTORS,
+    ),
     "cutoff": Key(
         meaning="corner frequency of each pole of the photoreceptor",
+        note="the paper has 200 for day and 50 for night",
         field="cutoff_hz",
         units=_HZ,
         least=math.ulp(0.0),
@@ -138,12 +151,17 @@ KEYS: dict[str, Key] = {
         least=math.ulp(0.0),
         most=1e12,
     ),
-    "like": Key(meaning="camera that lends its cutoff per lux", kind="text"),
+    "like": Key(
+        meaning="camera that lends its cutoff per lux", note="dvs128 by default", kind="text"
+    ),
     "area_exponent": Key(
-        meaning="exponent of the photodiode's area in a cutoff that is lent", most=1.0
+        meaning="exponent of the photodiode's area in a cutoff that is lent",
+        note="0 by default, at most 1",
+        most=1.0,
     ),
     "leak": Key(
         meaning="rate of ON events of a pixel in constant light",
+        note="typically 0.1",
         field="leak_hz",
         units=_HZ,
         most=MAX_RATE_HZ,
@@ -154,12 +172,15 @@ KEYS: dict[str, Key] = {
         units=_HZ,
         most=MAX_RATE_HZ,
     ),
-    "shot_noise_exponent": Key(meaning="fall of the shot noise with the light", most=1e6),
+    "shot_noise_exponent": Key(
+        meaning="fall of the shot noise with the light", note="0.5 by default", most=1e6
+    ),
     "hot_pixels": Key(
         meaning="share of hot pixels", field="hot_pixel_fraction", units=_SHARE, most=1.0
     ),
     "hot_pixel_rate": Key(
         meaning="rate of noise events of a hot pixel",
+        note="100 by default",
         field="hot_pixel_hz",
         units=_HZ,
         most=MAX_RATE_HZ,
@@ -169,6 +190,7 @@ KEYS: dict[str, Key] = {
     ),
     "latency": Key(
         meaning="delay from the crossing of a threshold to its event",
+        note="on top of that of the photoreceptor",
         field="latency_s",
         units=_SECONDS,
         most=1000.0,
@@ -177,25 +199,38 @@ KEYS: dict[str, Key] = {
         meaning="whether memories start at random levels, as in a camera that has been running",
         kind="flag",
     ),
-    "dark": Key(meaning="dark level, as a share of white", field="dark_share", units=_SHARE),
+    "dark": Key(
+        meaning="dark level, as a share of white",
+        note="0.001 by default",
+        field="dark_share",
+        units=_SHARE,
+    ),
     "warm_up": Key(
-        meaning="warm-up before a window, in time constants of the photoreceptor", most=1e6
+        meaning="warm-up before a window, in time constants of the photoreceptor",
+        note="6 by default",
+        most=1e6,
     ),
     "bus": Key(
-        meaning='capacity of the bus; "unlimited" for events that leave at once',
+        meaning="capacity of the bus",
+        note='"unlimited" for events that leave at once',
         field="bus_hz",
         units={"Mev/s": _times(1e6), "ev/s": _times(1)},
         least=math.ulp(0.0),
     ),
     "fifo": Key(
         meaning="events that can wait for the bus",
+        note="an event that finds the queue full is lost; 4096 by default",
         kind="integer",
         units={"events": float},
         least=1,
         most=100_000_000,
     ),
     "row_overhead": Key(
-        meaning="time to open a row of pixels", field="row_overhead_s", units=_SECONDS, most=1e9
+        meaning="time to open a row of pixels",
+        note="the row that has waited longest is read next",
+        field="row_overhead_s",
+        units=_SECONDS,
+        most=1e9,
     ),
 }
 """All keys, in the order of files and lists."""

@@ -6,7 +6,7 @@ import functools
 import json
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,10 @@ from sensor.numbers import real, refusal
 
 _CATALOGUE = Path(__file__).parent / "catalogue"
 _FACTS = "value", "unit", "source", "kind", "interval"
+OTHERS = {  # keys that name another camera
+    "base": "name or file of a camera that this one changes",
+    "electronics": "name or file of a camera whose pixels and bus this one has on its own grid",
+}
 UNLIMITED = "unlimited"
 
 
@@ -99,11 +103,13 @@ def _packaged(name: str) -> EventCamera:
 def read_camera(file: str | Path) -> EventCamera:
     """Read a camera from a TOML file.
 
-    Its keys are those of `sensor.cameras.fields.KEYS`, and `base`, the name or file of a camera
-    that this one changes. A value is a number in the first unit of its key, or a table of `value`,
-    `unit`, `source` and, if they are known, `kind` and the 95 % `interval`. A table with an
-    interval and no value is a bound, which is not simulated. A threshold in log units holds for ON
-    and OFF; in %, a rise of the light for ON and a fall for OFF, both are needed.
+    Its keys are those of `sensor.cameras.fields.KEYS`; `base`, the name or file of a camera that
+    this one changes; and `electronics`, one whose pixels and bus it has. The later wins: defaults,
+    `base`, `electronics`, the values of the file. A value is a number in the first unit of its key,
+    or a table of `value`, `unit`, `source` and, if they are known, `kind` and the 95 % `interval`.
+    A table with an interval and no value is a bound, which is not simulated. A threshold in log
+    units holds for ON and OFF; in %, a rise of the light for ON and a fall for OFF, both are
+    needed. A width without a height is a square. `bus` may name a camera with a known bus.
 
     Parameters
     ----------
@@ -134,20 +140,47 @@ def read_camera(file: str | Path) -> EventCamera:
     if not file.is_file():
         raise SensorError(f"{file}: no such camera")
     with reading(file, "TOML", SensorError):
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-        table = {ALIASES.get(name, name): value for name, value in table.items()}
-        base = table.pop("base", None)
-        camera = EventCamera()
-        if base is not None:
-            if not isinstance(base, str):
-                raise refusal("base", base, "the name or the file of a camera")
-            beside = file.parent / base
-            camera = find_camera(beside if base.endswith(".toml") else base)
-        return _changed(camera, table, file.stem)
+        return camera_of(tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent)
+
+
+def camera_of(table: Mapping[str, Any], name: str = "", folder: Path | None = None) -> EventCamera:
+    """Return the camera that a table describes, as `read_camera` reads it from a file.
+
+    Parameters
+    ----------
+    table
+        Values by key, and `base` and `electronics`.
+    name
+        Name of the camera; "" for that of its base.
+    folder
+        Where files that the table names are; None for the current folder.
+
+    Returns
+    -------
+    EventCamera
+
+    Raises
+    ------
+    SensorError
+        A key or a unit is unknown, or a value is wrong; the text names the key.
+    """
+    values = {ALIASES.get(key, key): value for key, value in table.items()}
+    camera = EventCamera()
+    for word in OTHERS:
+        other = values.pop(word, None)
+        if other is None:
+            continue
+        if not isinstance(other, str):
+            raise refusal(word, other, "the name or the file of a camera")
+        found = find_camera((folder or Path()) / other if other.endswith(".toml") else other)
+        camera = found if word == "base" else camera.with_electronics(found)
+    if "width" in values and "height" not in values:
+        values["height"] = values["width"]
+    return _changed(camera, values, name or camera.name)
 
 
 def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCamera:
-    """Return a camera with the values of a file in place of its own."""
+    """Return a camera with the values of a table in place of its own."""
     values: dict[str, Any] = {}
     sources = dict(camera.sources)
     if "threshold" in table and "threshold_off" not in table:
@@ -158,7 +191,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():
         if key_name not in KEYS:
-            raise SensorError(f"{key_name}: unknown; {nearest(key_name, [*KEYS, 'base'])}")
+            raise SensorError(f"{key_name}: unknown; {nearest(key_name, [*KEYS, *OTHERS])}")
         value, source = _read(key_name, KEYS[key_name], facts)
         if value is not None:
             values[FIELDS[key_name]] = value
@@ -199,14 +232,27 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
 
 def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
     if key.kind == "number":
-        if name == "bus" and value == UNLIMITED:
-            return math.inf
+        if name == "bus" and isinstance(value, str):
+            return _bus_hz(value)
         value = _number(name, key, value, unit)
         if math.isinf(value) and name not in ("cutoff", "bus"):
             raise refusal(name, value, "a finite number")
     elif unit not in (None, *key.units):
         raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     return checked(name, key, value)
+
+
+def _bus_hz(name: str) -> float:
+    """Return the capacity of the bus of a camera, events/s; inf for `UNLIMITED`."""
+    if name == UNLIMITED:
+        return math.inf
+    if name not in camera_names():
+        advice = nearest(name, camera_names(), f"a number of Mev/s, {UNLIMITED!r}, or ")
+        raise SensorError(f"bus: found {name!r}; {advice}")
+    found = find_camera(name).bus_hz
+    if math.isinf(found):
+        raise SensorError(f"bus: the bus of {name!r} is unknown, expected a number of Mev/s")
+    return found
 
 
 def _number(name: str, key: Key, value: Any, unit: Any) -> float:

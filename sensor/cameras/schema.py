@@ -7,7 +7,7 @@ from typing import Any
 
 from sensor.cameras.camera import KINDS
 from sensor.cameras.fields import KEYS, Key
-from sensor.cameras.files import UNLIMITED
+from sensor.cameras.files import OTHERS, UNLIMITED, camera_names, find_camera
 
 
 def camera_schema() -> dict[str, Any]:
@@ -19,13 +19,13 @@ def camera_schema() -> dict[str, Any]:
         For JSON. It accepts all that `read_camera` accepts but its alias `threshold_on`; that
         values contradict each other is found by `read_camera` alone.
     """
-    base = {"type": "string", "description": "name or file of a camera that this one changes"}
+    others = {name: {"type": "string", "description": meaning} for name, meaning in OTHERS.items()}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Event camera",
         "type": "object",
         "additionalProperties": False,
-        "properties": {"base": base} | {name: _property(name, key) for name, key in KEYS.items()},
+        "properties": others | {name: _property(name, key) for name, key in KEYS.items()},
         "$defs": {
             "source": {"type": "string", "minLength": 1},
             "kind": {"enum": [*KINDS]},
@@ -46,7 +46,8 @@ def _property(name: str, key: Key) -> dict[str, Any]:
         return {"description": described, **_value(key, 1.0)}
     bare, in_table = _value(key, scale(1.0)), _value(key, None)
     if name == "bus":
-        bare, in_table = ({"anyOf": [one, {"const": UNLIMITED}]} for one in (bare, in_table))
+        buses = [UNLIMITED, *(one for one in camera_names() if find_camera(one).bus_hz < math.inf)]
+        bare, in_table = ({"anyOf": [one, {"enum": buses}]} for one in (bare, in_table))
     facts = {"value": in_table}
     facts |= {one: {"$ref": f"#/$defs/{one}"} for one in ("source", "kind")}
     if key.kind in ("number", "integer"):

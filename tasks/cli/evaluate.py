@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +13,7 @@ from tyro.extras import literal_type_from_choices
 
 from tasks.cli import terminal
 from tasks.cli.app import WeightsFiles
+from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
@@ -23,7 +23,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 
 _SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
-_SENSOR = {"resolution": 346, "cutoff": math.inf, "speed": 1.0}  # of a simulation
+_USUAL_WIDTH = 346
 
 
 def evaluate(
@@ -36,21 +36,22 @@ def evaluate(
     ],
     task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
-    resolution: Annotated[int | None, arg(help_behavior_hint="(default: 346)")] = None,
-    cutoff: Annotated[float | None, arg(help_behavior_hint="(default: inf)")] = None,
-    threshold: Annotated[float | None, arg(help_behavior_hint="(default: 0.2, or fitted)")] = None,
     speed: Annotated[float | None, arg(help_behavior_hint="(default: 1.0)")] = None,
     weights: WeightsFiles = (),
     format: str | None = None,
+    camera: OmitArgPrefixes[CameraOptions] = NO_OPTIONS,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
     flow: OmitArgPrefixes[FlowOptions] = USUAL_FLOW,
 ) -> None:
     """Score methods on a simulated sensor or on a recording.
 
-    The sensor sees one rendered sequence. A recording is a file of events of any format. On a
+    The sensor sees one rendered sequence; by default it is plain and 346 px wide. The first line
+    printed is what the simulation assumes. A recording is a file of events of any format. On a
     recording, optical flow starts from zero, and its score is the distance from corners tracked in
     frames or, without frames, how much it sharpens the events. Images are compared with the frames.
+    --threshold is then that of the recording; by default that of its file, or fitted to its frames
+    if a method uses it. No other option of a camera is for recordings.
 
     Parameters
     ----------
@@ -58,14 +59,6 @@ def evaluate(
         Names (`eres methods` lists them), or your own functions as
         package.module:function; by default all methods of the task that can run, except
         diagnostics and networks without --weights.
-    resolution
-        Width of the sensor, px; for a sequence.
-    cutoff
-        Corner frequency of the photoreceptor's poles, Hz; for a sequence, by default an ideal
-        pixel.
-    threshold
-        Contrast threshold, log units; by default 0.2, and for a recording that of its file, or
-        fitted to its frames if a method uses it.
     speed
         Factor on the speed of the rendered sequence.
     weights
@@ -73,14 +66,14 @@ def evaluate(
     format
         Format of a file of events, as for `eres info`, instead of what its extension says.
     """
-    given = {"resolution": resolution, "cutoff": cutoff, "speed": speed}
     if source.is_file():
+        given = {**camera.given} | ({} if speed is None else {"speed": speed})
+        threshold = given.pop("threshold", None)
         for name, value in given.items():
-            if value is not None:
-                raise TaskError(
-                    f"{source}: found a recording with --{name} {value:g}, expected it only for a "
-                    "rendered sequence, on which a sensor is simulated"
-                )
+            raise TaskError(
+                f"{source}: found a recording with --{name.replace('_', '-')} {value}, expected it "
+                "only for a rendered sequence, on which a sensor is simulated"
+            )
         _evaluate_recording(source, task, method, threshold, weights, format, reading, frames, flow)
         return
     if not source.exists():
@@ -94,21 +87,24 @@ def evaluate(
     from tasks.evaluation.sequence import evaluate_sequence
     from tasks.methods.networks import named_weights
 
-    sensor = {name: _SENSOR[name] if value is None else value for name, value in given.items()}
+    sequence = open_sequence(source)
+    size = sequence.manifest.width, sequence.manifest.height
+    chosen = camera.camera(*size, usual_width=_USUAL_WIDTH)
+    terminal.out.print(chosen.assumptions(**camera.light), soft_wrap=True, highlight=False)
     with progress_bar(terminal.err) as on_progress:
         rows = evaluate_sequence(
-            open_sequence(source),
+            sequence,
             task,
             methods=method,
-            width=int(sensor["resolution"]),
-            cutoff_hz=sensor["cutoff"],
-            contrast_threshold=0.2 if threshold is None else threshold,
-            speed=sensor["speed"],
+            camera=chosen,
+            **camera.light,
+            speed=1.0 if speed is None else speed,
             weights=named_weights(weights, method or TASKS[task].networks),
             on_progress=on_progress,
         )
     _print_scores(rows, "method", "variant", "metric")
-    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
+    lost = f", of which the bus lost {100 * rows[0].dropped:.3g} %" if chosen.bus else ""
+    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window{lost}")
 
 
 def _evaluate_recording(

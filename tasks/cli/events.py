@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, Reading
-from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
 if TYPE_CHECKING:
     from sensor import ReadoutReport
@@ -26,39 +26,27 @@ def simulate(
         arg(metavar="FRAMES", help="folder of a rendered clip, video, or folder of images"),
     ],
     out: Path,
-    sensor: str | None = None,
-    resolution: int | None = None,
-    threshold: float | None = None,
     speed: float = 1.0,
     seed: int = 0,
     format: str | None = None,
     truth: float | None = None,
     overwrite: bool = False,
     footage: OmitArgPrefixes[FootageOptions] = NO_FOOTAGE,
-    pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
-    bus: OmitArgPrefixes[BusOptions] = NO_BUS,
+    camera: OmitArgPrefixes[CameraOptions] = NO_OPTIONS,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
 ) -> None:
     """Simulate a sensor on frames, and write its events.
 
-    The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. The dark
-    level is a thousandth of their white. If the sensor's shape differs from the frames', the sensor
-    sees their center. The file includes the events of a clip's warm-up and, if its format can hold
-    them, the start and end of its window, the sensor and the seed.
+    The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. Without
+    --sensor and --resolution the sensor has the size of footage. If its shape differs from the
+    frames', it sees their center. The first line printed is what the simulation assumes. The file
+    includes the events of a clip's warm-up and, if its format can hold them, the start and end of
+    its window, the sensor, the seed and that line.
 
     Parameters
     ----------
     out
         File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
-    sensor
-        Name of a camera (`eres sensors` lists them), instead of a resolution; it sets the pixels,
-        their fill factor and the bus.
-    resolution
-        Width of the sensor, px, instead of a camera. Footage needs neither: by default the sensor
-        has the footage's size.
-    threshold
-        Contrast threshold of ON and OFF events, log units; by default that of the profile or the
-        camera, or 0.2.
     speed
         Factor by which the scene moves faster than in the frames.
     seed
@@ -73,7 +61,7 @@ def simulate(
     """
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.footage_simulation import simulate_footage
-    from tasks.events.simulation import SimulationOptions, sensor_for, simulate_sequence
+    from tasks.events.simulation import SimulationOptions, simulate_sequence, warn_of_fill_factor
     from tasks.footage import Footage
 
     frames = open_frames(path, footage)
@@ -83,21 +71,24 @@ def simulate(
             raise TaskError(f"{path}: found footage, whose truth is unknown; leave out --truth")
         if imu.imu is not None:
             raise TaskError(f"{path}: found footage, whose path is unknown; leave out --imu")
-        if sensor is None and resolution is None:
-            resolution = frames.width
         simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
     else:
         simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth, imu=imu)
-    model = sensor_for(
-        frames,
-        sensor=sensor,
-        resolution=resolution,
-        contrast_threshold=threshold,
-        pixel=pixel,
-    )
+    usual = frames.width if isinstance(frames, Footage) else None
+    chosen = camera.camera(frames.width, frames.height, usual_width=usual)
+    model = chosen.model(**camera.light, white=frames.white_level)
+    warn_of_fill_factor(frames, model)
+    assumes = chosen.assumptions(**camera.light)
     options = SimulationOptions(
-        speed=speed, seed=seed, readout=bus.readout(sensor), format=format, overwrite=overwrite
+        speed=speed,
+        seed=seed,
+        readout=chosen.bus,
+        warm_up=chosen.warm_up,
+        assumes=assumes,
+        format=format,
+        overwrite=overwrite,
     )
+    terminal.out.print(assumes, soft_wrap=True, highlight=False)
     with progress_bar(terminal.err) as on_progress:
         count, report = simulate_frames(model, out, options, on_progress=on_progress)
     terminal.out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
-from sensor import SensorModel
-from sensor.levels import DARK_FRACTION
+from sensor.cameras import EventCamera, plain_camera
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
@@ -24,9 +22,9 @@ def evaluate_sequence(
     task: str,
     *,
     methods: Sequence[str] = (),
-    width: int = 346,
-    cutoff_hz: float = math.inf,
-    contrast_threshold: float = 0.2,
+    camera: EventCamera | int = 346,
+    lux: float | None = None,
+    cutoff_hz: float | None = None,
     speed: float = 1.0,
     weights: Mapping[str, str] | None = None,
     on_progress: Progress = silent,
@@ -42,12 +40,11 @@ def evaluate_sequence(
     methods
         Names, or "package.module:function"; by default all methods of the task except diagnostics
         and networks whose weights are not given.
-    width
-        Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
-    cutoff_hz
-        Photoreceptor cutoff, Hz; inf is an ideal pixel.
-    contrast_threshold
-        C, log units.
+    camera
+        The camera, with its bus, or the width of a plain one in px, which has the frames' shape. It
+        sees the largest central part of the frames that has its shape.
+    lux, cutoff_hz
+        As for `EventCamera.model`.
     speed
         Factor by which the scene moves faster than it was rendered.
     weights
@@ -62,23 +59,19 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        A method does not exist or cannot run, the sensor has no width or is finer than the frames,
-        or the task needs another scene or lens.
+        A method does not exist or cannot run, or the task needs another scene or lens.
+    SensorError
+        As `EventCamera.model`, or the camera is finer than the frames.
     WeightsError
         Weights are given for something that is not a network of the task.
     """
     spec = TASKS[task]
     check_positive("speed", speed, TaskError)
-    check_positive("resolution", width, TaskError)
     if strangers := set(weights or ()) - set(spec.networks):
         raise WeightsError(f"weights: found {min(strangers)}, expected a network of task {task}")
     names = tuple(methods) or spec.usual(weights or ())
     for name in names:
         check_method(task, name, weights)
-    if width > sequence.manifest.width:
-        raise TaskError(
-            f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
-        )
     scene = load_scene(sequence.scene_source)
     if spec.planar_only and scene.plane is None:
         raise TaskError(
@@ -89,21 +82,26 @@ def evaluate_sequence(
     options = {"weights": dict(weights)} if weights else {}
     settings = load(spec.settings)(methods=names, **options)
     windows_before = max((one.windows_before for one in settings.plan()), default=0)
-    warn_if_short(sequence, cutoff_hz, speed, windows_before)
-    warn_if_coarse(sequence)
     truth = ground_truth(sequence)
-    height = truth.camera(width).height
+    if isinstance(camera, int):
+        camera = plain_camera(camera, truth.camera(camera).height)
+    model = camera.model(lux=lux, cutoff_hz=cutoff_hz, white=sequence.white_level)
+    warn_if_short(sequence, model.cutoff_hz, speed, windows_before, camera.warm_up)
+    warn_if_coarse(sequence)
     for name in names:
-        check_method(task, name, weights, [(width, height)])
-    model = SensorModel(
-        width=width,
-        height=height,
-        contrast_threshold=contrast_threshold,
-        cutoff_hz=cutoff_hz,
-        dark_level=DARK_FRACTION * sequence.white_level,
-    )
+        check_method(task, name, weights, [(model.width, model.height)])
     start_us, end_us = (round(t_s / speed * 1e6) for t_s in sequence.window_s)
     start_s, end_s = sequence.window_s
-    t_start_s = start_s - windows_before * (end_s - start_s) - needed_s(cutoff_hz, speed)
-    setting = Setting(model, speed, start_us, end_us, t_start_s=t_start_s)
+    t_start_s = (
+        start_s
+        - windows_before * (end_s - start_s)
+        - needed_s(model.cutoff_hz, speed, time_constants=camera.warm_up)
+    )
+    setting = Setting(
+        *(model, speed, start_us, end_us),
+        name=camera.name,
+        readout=camera.bus,
+        illuminance_lux=lux or 0.0,
+        t_start_s=t_start_s,
+    )
     return evaluate(sequence, truth, [setting], {task: settings}, on_progress).rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -20,16 +20,14 @@ from eres_render.storage.json_values import use_python_numbers
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.formats import FORMATS, Format, find_format, write_events
 from sensor.formats.header import Value
-from sensor.levels import DARK_FRACTION
 from sensor.optics import crop_to_aspect
 from tasks.errors import TaskError
 from tasks.events.imu import imu_to_add
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
-from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions, find_grid
 from tasks.events.truth import AddTo, truth_to_add
 from tasks.origin import origin_of
-from tasks.warm_up import warn_if_coarse, warn_if_short
+from tasks.warm_up import TIME_CONSTANTS, warn_if_coarse, warn_if_short
 
 _log = logging.getLogger(__name__)
 
@@ -65,6 +63,10 @@ class SimulationOptions:
         Seed of everything random in the sensor.
     readout
         The bus on which the events leave; None if all leave when they fire.
+    warm_up
+        Time constants of the photoreceptor before a clip's window, below which a warning appears.
+    assumes
+        What the simulation assumes in words, for the file's origin.
     format
         As for `write_events`.
     overwrite
@@ -79,6 +81,8 @@ class SimulationOptions:
     speed: float = 1.0
     seed: int = 0
     readout: Readout | None = None
+    warm_up: float = TIME_CONSTANTS
+    assumes: str = ""
     format: str | None = None
     overwrite: bool = False
 
@@ -97,62 +101,8 @@ FASTEST = 1e9
 AS_IN_THE_FRAMES = SimulationOptions()
 
 
-def sensor_for(
-    frames: Frames,
-    *,
-    sensor: str | None = None,
-    resolution: int | None = None,
-    contrast_threshold: float | None = None,
-    pixel: PixelOptions = IDEAL_PIXEL,
-) -> SensorModel:
-    """Choose a sensor for frames; its dark level is a thousandth of their white.
-
-    Warns if the frames are too coarse for the sensor's fill factor.
-
-    Parameters
-    ----------
-    frames
-        The frames.
-    sensor, resolution
-        One of them: a preset's name, or a width in pixels; the height then follows the frames'.
-    contrast_threshold
-        C of ON and OFF events, log units; by default that of the profile, of the preset, or 0.2.
-    pixel
-        Other properties of the pixels.
-
-    Returns
-    -------
-    The sensor.
-
-    Raises
-    ------
-    TaskError
-        Neither or both of `sensor` and `resolution` are given, or options exclude each other.
-    SensorError
-        There is no such preset, or a value is outside its range.
-    """
-    if sensor is not None and resolution is None:
-        model = find_grid(sensor).model()
-    elif sensor is None and resolution is not None:
-        height = max(1, round(resolution * frames.height / frames.width))
-        model = SensorModel(width=resolution, height=height)
-    else:
-        found = "neither" if sensor is None else "both"
-        raise TaskError(
-            f"sensor, resolution: found {found}, expected one of them: --sensor NAME, as in "
-            "`eres sensors`, or --resolution WIDTH"
-        )
-    white = frames.white_level
-    model = pixel.applied_to(replace(model, dark_level=DARK_FRACTION * white), white)
-    _warn_of_fill_factor(frames, model)
-    if contrast_threshold is None:
-        return model
-    return replace(
-        model, contrast_threshold=contrast_threshold, contrast_threshold_off=pixel.threshold_off
-    )
-
-
-def _warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
+def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
+    """Warn if frames are too coarse for the fill factor of a sensor."""
     _, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
@@ -247,7 +197,7 @@ def simulate_sequence(
     check_new(out, options.overwrite, sequence.folder)
     seen_part(sequence, sequence.folder, model)  # said before ground truth is prepared
     speed = options.speed
-    warn_if_short(sequence, model.cutoff_hz, speed)
+    warn_if_short(sequence, model.cutoff_hz, speed, time_constants=options.warm_up)
     warn_if_coarse(sequence)
     additions = []
     imu.check()
@@ -326,6 +276,8 @@ def simulate_frames(
         "speed": float(options.speed),
         "seed": options.seed,
     }
+    if options.assumes:
+        facts["assumes"] = options.assumes
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
 
     def seen() -> Iterator[NDArray[np.float32]]:

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from eres_render.errors import check_positive
+from sensor.cameras import EventCamera
 from sensor.model import Photoreceptor
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.sensors import StudySensor
 from tasks.study.settings import Render, Study
 
 
@@ -89,7 +89,8 @@ def with_resolution(study: Study, resolution: int) -> Study:
     )
     if not (kept.widths or kept.sensors):
         per_row = study.render.resolution / study.render.height_at(study.render.resolution)
-        sides = [math.ceil(max(one.width, one.height * per_row)) for one in simulate.sensors]
+        sizes = [one.size for one in simulate.sensors]
+        sides = [math.ceil(max(width, height * per_row)) for width, height in sizes]
         raise StudyError(
             f"--resolution: found {resolution} px, expected at least "
             f"{min([*simulate.widths, *sides])}, to see as many as the study's coarsest sensor has"
@@ -97,10 +98,10 @@ def with_resolution(study: Study, resolution: int) -> Study:
     return replace(study, render=render, simulate=kept)
 
 
-def _is_seen(sensor: StudySensor, render: Render) -> bool:
-    """Return whether a sensor is no finer than the frames."""
-    width, height = render.seen_px(sensor.width, sensor.height)
-    return sensor.width <= width and sensor.height <= height
+def _is_seen(camera: EventCamera, render: Render) -> bool:
+    """Return whether a camera is no finer than the frames."""
+    size = camera.size
+    return all(own <= seen for own, seen in zip(size, render.seen_px(*size), strict=True))
 
 
 def with_photoreceptors(study: Study, photoreceptors: Sequence[Photoreceptor]) -> Study:

@@ -11,13 +11,14 @@ from eres_render.errors import check_positive, check_spp, nearest
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
+from sensor.cameras import EventCamera
 from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, StudySensor, bus_of, light_at, plain_sensor, with_pixels
+from tasks.study.sensors import Light, bus_of, light_at, own_of, with_area_exponents
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
@@ -27,7 +28,15 @@ if TYPE_CHECKING:
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s"),
-    *("sensors", "illuminance_lux", "speeds_m_s", "distance_m", "bus_mev_s", "trajectories"),
+    *(
+        "sensors",
+        "area_exponents",
+        "illuminance_lux",
+        "speeds_m_s",
+        "distance_m",
+        "bus_mev_s",
+        "trajectories",
+    ),
 )
 
 _LEAST_HZ = 1e-3  # warms up for a quarter of an hour
@@ -98,6 +107,9 @@ class Render:
         return columns.stop - columns.start, rows.stop - rows.start
 
 
+_ANY = Render()  # for what depends on no height of plain sensors
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
     """The sensors: each of them in each light at each speed.
@@ -122,7 +134,12 @@ class Simulate:
         Each is "two_pole", "one_pole" or "v2e" (v2e's limit for small steps), see
         `sensor.SensorModel`. "two_pole" becomes the first, which the report shows in full.
     sensors
-        Named sensors, in addition to the widths; see `tasks.study.sensors`.
+        Cameras, each with a name, in addition to the widths. What they state goes before
+        `contrast_thresholds`, `photoreceptors`, `dark_fraction`, `warmup_time_constants` and
+        `bus_mev_s`.
+    area_exponents
+        Exponents of the photodiode's area for cameras whose cutoff is lent: each of them is one
+        more sensor. None for the cameras' own.
     illuminance_lux
         Illuminance of the scene, lux, in place of `cutoffs_hz`, which follow from it.
     speeds_m_s
@@ -132,7 +149,7 @@ class Simulate:
         path are enlarged to it, so that images stay. None for the scenes' own distance.
     bus_mev_s
         Capacity of the bus of all sensors without one of their own, million events per second; None
-        for no bus. At most `tasks.events.sensor_options.BusOptions.fifo` events wait.
+        for no bus. A sensor's own number of events can wait for it.
     same_lens
         Whether all widths are one camera at several distances from a plane that it faces: half the
         width is twice the distance. Images are the same as with larger pixels; poses are not. None
@@ -151,7 +168,8 @@ class Simulate:
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=TIME_CONSTANTS, metadata=MAY_BE_ZERO)
     photoreceptors: tuple[Photoreceptor, ...] = ("two_pole",)
-    sensors: tuple[StudySensor, ...] = ()
+    sensors: tuple[EventCamera, ...] = ()
+    area_exponents: tuple[float, ...] | None = field(default=None, metadata=MAY_BE_ZERO)
     illuminance_lux: tuple[FloatOrInf, ...] | None = None
     speeds_m_s: tuple[float, ...] | None = None
     distance_m: float | None = None
@@ -182,64 +200,120 @@ class Simulate:
         return tuple(map(light_at, self.illuminance_lux))
 
     @property
-    def readout(self) -> Readout | None:
-        """The bus of sensors that have none of their own; None for no bus."""
-        return None if self.bus_mev_s is None else bus_of(self.bus_mev_s)
+    def cameras(self) -> tuple[EventCamera, ...]:
+        """The named cameras, one for each exponent of the area."""
+        if self.area_exponents is None:
+            return self.sensors
+        return with_area_exponents(self.sensors, self.area_exponents)
+
+    def readout(self, camera: EventCamera) -> Readout | None:
+        """Return the bus of a camera; None for no bus."""
+        return bus_of(camera, self.bus_mev_s)
+
+    def all_cameras(self, render: Render = _ANY) -> list[EventCamera]:
+        """Return the plain and the named cameras, for frames of these settings."""
+        plain = EventCamera(dark_share=self.dark_fraction, warm_up=self.warmup_time_constants)
+        return [
+            *(plain.on(width, render.height_at(width)) for width in self.widths),
+            *(
+                replace(
+                    one,
+                    dark_share=one.dark_share if one.states("dark") else plain.dark_share,
+                    warm_up=one.warm_up if one.states("warm_up") else plain.warm_up,
+                )
+                for one in self.cameras
+            ),
+        ]
+
+    @property
+    def assumes(self) -> list[str]:
+        """In words what the study assumes of its cameras, a line each."""
+        lux = [one.illuminance_lux for one in self.lights if one.illuminance_lux]
+        light: dict[str, Any] = {"lux": lux} if lux else {"cutoff_hz": self.cutoffs_hz}
+        lines: dict[str, None] = {}
+        for one in self.all_cameras():
+            bus_hz = one.bus_hz if one.states("bus") else 1e6 * (self.bus_mev_s or math.inf)
+            said = replace(one, bus_hz=bus_hz)
+            if not one.name:
+                said = replace(said, width=None, height=None)
+            own = "contrast_thresholds" in own_of(one)
+            thresholds = () if own else self.contrast_thresholds
+            lines[said.assumptions(**light, thresholds=thresholds)] = None
+        return [*lines]
 
     def sizes(self, render: Render) -> list[tuple[int, int]]:
         """Return (width, height) of all sensors, px, for frames of these settings."""
-        plain = [(width, render.height_at(width)) for width in self.widths]
-        return [*plain, *((one.width, one.height) for one in self.sensors)]
+        return [one.size for one in self.all_cameras(render)]
 
-    def warm_up_of(self, cutoff_hz: float, speed: float) -> float:
+    def warm_up_of(
+        self, cutoff_hz: float, speed: float, time_constants: float | None = None
+    ) -> float:
         """Return the warm-up of a sensor at a speed, s of the path, whatever is beside it.
 
         Parameters
         ----------
-        cutoff_hz, speed
-            As for `tasks.warm_up.needed_s`.
+        cutoff_hz, speed, time_constants
+            As for `tasks.warm_up.needed_s`; by default of the study's time constants.
 
         Returns
         -------
         seconds
         """
-        return needed_s(cutoff_hz, speed, self.warm_up_s, self.warmup_time_constants)
+        if time_constants is None:
+            time_constants = self.warmup_time_constants
+        return needed_s(cutoff_hz, speed, self.warm_up_s, time_constants)
 
     @property
     def longest_warm_up_s(self) -> float:
         """The longest warm-up of all sensors, seconds of the path."""
-        plain = self.cutoffs_hz if self.widths else ()
-        named = (model.cutoff_hz for one in self.sensors for model in one.in_light)
-        return self.warm_up_of(min([*plain, *named], default=math.inf), max(self.speeds))
+        found = [
+            self.warm_up_of(model.cutoff_hz, max(self.speeds), camera.warm_up)
+            for camera, _, model in self.models()
+        ]
+        return max(found, default=self.warm_up_s)
 
     @property
     def decides(self) -> dict[str, object]:
         """Fields that name results. Those added later are included only if they are used."""
         found = {one.name: getattr(self, one.name) for one in fields(self)}
-        del found["warm_up_s"]  # the clip holds it
+        del found["warm_up_s"], found["area_exponents"]  # the clip and the cameras hold them
         readings = found.pop("photoreceptors")
         if readings != ("two_pole",):
             found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
-        if not self.sensors:
+        named = [one for one in self.all_cameras() if one.name]
+        found["sensors"] = [
+            {
+                "name": one.name,
+                "in_light": [light.on(one) for light in self.lights],
+                "own": own_of(one),
+                "readout": one.bus if one.states("bus") else None,
+                "warm_up": one.warm_up if one.states("warm_up") else None,
+            }
+            for one in named
+        ]
+        if not named:
             del found["sensors"]
         return found
 
-    def models(self, render: Render) -> Iterator[tuple[StudySensor, Light, SensorModel]]:
-        """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.
+    def models(
+        self, render: Render = _ANY, white: float = 1.0
+    ) -> Iterator[tuple[EventCamera, Light, SensorModel]]:
+        """Yield each camera in each light, with each photoreceptor and threshold.
 
-        A sensor without a cutoff comes once, as it is the same with any photoreceptor.
+        A camera without a cutoff comes once, as it is the same with any photoreceptor.
         """
-        lights = self.lights
-        sizes = self.sizes(render)[: len(self.widths)]
-        plain = [plain_sensor(*size, lights, self.dark_fraction) for size in sizes]
-        for sensor in (*plain, *self.sensors):
-            own = sensor.own
+        for camera in self.all_cameras(render):
+            own = own_of(camera)
             thresholds = (None,) if "contrast_thresholds" in own else self.contrast_thresholds
             kinds = (None,) if "photoreceptors" in own else self.photoreceptors
-            for light, model in zip(lights, sensor.in_light, strict=True):
-                for kind in kinds[:1] if math.isinf(model.cutoff_hz) else kinds:
-                    for threshold in thresholds:
-                        yield sensor, light, with_pixels(model, threshold, kind)
+            for light in self.lights:
+                ideal = math.isinf(light.on(camera).cutoff_hz)
+                for kind in kinds[:1] if ideal else kinds:
+                    pixels = camera if kind is None else replace(camera, photoreceptor=kind)
+                    for C in thresholds:
+                        if C is not None:
+                            pixels = replace(pixels, contrast_threshold=C)
+                        yield camera, light, light.on(pixels, white)
 
     def at_factors(self, base_speed_m_s: float) -> Simulate:
         """Return the same sensors with speeds as factors on the base speed of a scene."""
@@ -249,17 +323,18 @@ class Simulate:
 
     def first(self, render: Render) -> Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
-        width, height = min(self.sizes(render), key=math.prod)
-        named = [one for one in self.sensors if (one.width, one.height) == (width, height)][:1]
+        smallest = min(self.all_cameras(render), key=lambda one: math.prod(one.size))
+        named = [one for one in self.cameras if one.size == smallest.size][:1]
         lux, speeds_m_s = self.illuminance_lux, self.speeds_m_s
         return replace(
             self,
-            widths=() if named else (width,),
+            widths=() if named else smallest.size[:1],
             cutoffs_hz=self.cutoffs_hz[:1],
             contrast_thresholds=self.contrast_thresholds[:1],
             speeds=self.speeds[:1],
             photoreceptors=self.photoreceptors[:1],
-            sensors=tuple(replace(one, in_light=one.in_light[:1]) for one in named),
+            sensors=tuple(named),
+            area_exponents=None,
             illuminance_lux=lux and lux[:1],
             speeds_m_s=speeds_m_s and speeds_m_s[:1],
         )
@@ -382,10 +457,11 @@ class Study:
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
             render = self.render
-            seen = render.seen_px(sensor.width, sensor.height)
-            if sensor.width > seen[0] or sensor.height > seen[1]:
+            width, height = sensor.size
+            seen = render.seen_px(width, height)
+            if width > seen[0] or height > seen[1]:
                 raise StudyError(
-                    f"{at} of {sensor.width}x{sensor.height} px, finer than the frames, of whose "
+                    f"{at} of {width}x{height} px, finer than the frames, of whose "
                     f"{render.resolution}x{render.height_at(render.resolution)} px it sees "
                     f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
                 )
@@ -466,8 +542,9 @@ def check_buses(simulate: Simulate, render: Render) -> None:
         Names the bus, and the smallest that is enough.
     """
     window_s = render.window_s / max(simulate.speeds)
-    buses = {"bus_mev_s": simulate.readout} | {
-        f"sensors: {one.name!r}: bus": one.readout for one in simulate.sensors
+    buses = {
+        f"sensors: {one.name!r}: bus" if one.states("bus") else "bus_mev_s": simulate.readout(one)
+        for one in simulate.all_cameras(render)
     }
     for name, bus in buses.items():
         if bus is None or bus.row_overhead_s + 1 / bus.max_rate_hz <= window_s:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import field, fields, make_dataclass
 from pathlib import Path
 from typing import Any
 
 from eres_render.storage.settings_reader import check_known, read_toml, read_typed
+from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
-from tasks.events.sensor_options import find_grid
 from tasks.registry import TASKS, load
 from tasks.study.changes import is_path, with_weights
-from tasks.study.sensors import read_sensor
+from tasks.study.sensors import read_camera_of
 from tasks.study.settings import Simulate, Study
 
 
@@ -23,7 +22,7 @@ def read_study(file: str | Path) -> Study:
 
     The tables and fields are those of `Study`. A field that is left out has its default, but
     `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a file,
-    or a table, see `tasks.study.sensors.read_sensor`. `bus` names a camera whose bus all sensors
+    or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all sensors
     get, in place of `bus_mev_s`. `[weights]` maps methods to files with the weights of their
     networks. All paths are relative to the file.
 
@@ -123,14 +122,8 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     found = table.pop("sensors")
     if not isinstance(found, list):
         raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
-    squares = read_typed(Simulate, {**table, "widths": []}, file, StudyError, "simulate")
-    try:
-        of_study = squares.lights, squares.dark_fraction
-    except SensorError as error:
-        raise StudyError(f"{file}: simulate.{error}") from None
     table["sensors"] = [
-        read_sensor(one, *of_study, file, f"simulate.sensors[{i}]", squares.bus_mev_s)
-        for i, one in enumerate(found)
+        read_camera_of(one, file, f"simulate.sensors[{i}]") for i, one in enumerate(found)
     ]
     return table
 
@@ -149,12 +142,9 @@ def _bus_mev_s(camera: Any, file: Path) -> float:
     if not isinstance(camera, str):
         raise StudyError(f"{place}: found {camera!r}, expected a camera; bus_mev_s takes a number")
     try:
-        found = find_grid(camera).bus_hz
+        return camera_of({"bus": camera}).bus_hz / 1e6
     except SensorError as error:
-        raise StudyError(f"{place}: {error}") from None
-    if found == math.inf:
-        raise StudyError(f"{place}: the bus of {camera!r} is unknown, expected bus_mev_s = NUMBER")
-    return found / 1e6
+        raise StudyError(f"{file}: simulate.{error}") from None
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:

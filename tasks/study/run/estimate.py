@@ -133,12 +133,12 @@ def estimate_job(job: Job) -> JobEstimate:
     render_s = 1e-9 * frames * px * (ns_px + ns_sample * render.spp)
     frames_s, samples_s = render_s, 0.0
     speeds = len(job.simulate.speeds)
-    for sensor, _, model in job.simulate.models(render):
+    for _, _, model in job.simulate.models(render):
         kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
-        pixel_frames = speeds * frames * sensor.width * sensor.height
+        pixel_frames = speeds * frames * model.width * model.height
         frames_s += 1e-9 * pixel_frames * _SIMULATE_NS_PER_PX[kind]
         for task, settings in job.evaluate.items():
-            score_s = speeds * settings.score_s(sensor.width, sensor.height)
+            score_s = speeds * settings.score_s(model.width, model.height)
             if TASKS[task].sample is None:  # events are pushed to its methods
                 frames_s += score_s
             else:

@@ -20,7 +20,7 @@ from tasks.methods.networks import digests
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
-from tasks.study.sensors import in_radiance
+from tasks.study.sensors import own_of
 from tasks.study.settings import LEAST_RESOLUTION, check_buses, check_speeds
 from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
@@ -90,16 +90,16 @@ class Job:
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        bus, same_lens = sensors.readout, sensors.same_lens
+        same_lens = sensors.same_lens
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
-                in_radiance(model, white_level),
+                model,
                 speed,
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
-                name=sensor.name,
-                readout=None if "bus" in sensor.own else sensor.readout or bus,
+                name=camera.name,
+                readout=sensors.readout(camera),
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
                 distance=self.render.seen_px(model.width, model.height)[0] / model.width
@@ -107,15 +107,15 @@ class Job:
                 else 1.0,
                 scale=self.scale,
                 t_start_s=self.clip.anchor_s
-                - (sensors.warm_up_of(model.cutoff_hz, speed) - sensors.warm_up_s),
+                - (sensors.warm_up_of(model.cutoff_hz, speed, camera.warm_up) - sensors.warm_up_s),
             )
-            for sensor, light, model in sensors.models(self.render)
+            for camera, light, model in sensors.models(self.render, white_level)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
 
     def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
         """Return the rows with those without a cutoff repeated for every photoreceptor."""
-        own = {one.name for one in self.simulate.sensors if "photoreceptors" in one.own}
+        own = {one.name for one in self.simulate.cameras if "photoreceptors" in own_of(one)}
         others, found = self.simulate.photoreceptors[1:], list(rows)
         ideal = [row for row in found if math.isinf(row.cutoff_hz) and row.sensor not in own]
         return found + [replace(row, photoreceptor=one) for one in others for row in ideal]
@@ -275,12 +275,12 @@ def _at_factors(simulate: Simulate, scene: Scene, path: Trajectory, scale: float
 def _check_first_sensor(study: Study) -> None:
     """Refuse a first sensor that sees too few pixels; scaling is measured on what it sees."""
     render = study.render
-    sensor, *_ = next(study.simulate.models(render))
-    width, height = render.seen_px(sensor.width, sensor.height)
+    sensor, _, first = next(study.simulate.models(render))
+    width, height = render.seen_px(first.width, first.height)
     if min(width, height) < LEAST_RESOLUTION:
         place, name = ("sensors", f"{sensor.name!r} of ") if sensor.name else ("widths", "")
         raise StudyError(
-            f"simulate.{place}: found {name}{sensor.width}x{sensor.height} px first, which sees "
+            f"simulate.{place}: found {name}{first.width}x{first.height} px first, which sees "
             f"{width}x{height} px of the frames, expected a first sensor that sees at least "
             f"{LEAST_RESOLUTION} px on each side, which the scaling statistics need"
         )
@@ -448,18 +448,8 @@ def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
 def _slowest(simulate: Simulate) -> tuple[float, float, str]:
     """Return the lowest cutoff in Hz, its light in lux or 0, and the named sensor that has it."""
     return min(
-        [
-            *(
-                (one.cutoff_hz, one.illuminance_lux, "")
-                for one in simulate.lights
-                if simulate.widths
-            ),
-            *(
-                (model.cutoff_hz, light.illuminance_lux, f" of {sensor.name!r}")
-                for sensor in simulate.sensors
-                for light, model in zip(simulate.lights, sensor.in_light, strict=True)
-            ),
-        ]
+        (model.cutoff_hz, light.illuminance_lux, f" of {camera.name!r}" if camera.name else "")
+        for camera, light, model in simulate.models()
     )
 
 

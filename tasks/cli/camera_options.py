@@ -1,0 +1,145 @@
+"""Options of commands that simulate a camera: which one, its light, one for each key."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, fields, make_dataclass
+from typing import Annotated, Any, Literal, TypedDict, TypeVar
+
+from tyro.conf import arg
+
+from sensor.cameras import EventCamera
+from sensor.cameras.fields import KEYS, Key
+from sensor.cameras.files import camera_of
+from tasks.errors import TaskError
+
+_Options = TypeVar("_Options", bound=type)
+
+# Keys without an option of their own: `resolution` is that of the grid, `lux` that of the light.
+_NO_OPTION = "width", "height", "illuminance"
+
+
+class InLight(TypedDict):
+    """The light of a camera, for `EventCamera.model` and others."""
+
+    lux: float | None
+    cutoff_hz: float | None
+
+
+def _type(name: str, key: Key) -> Any:
+    """Return the type of a key's option, with its help."""
+    unit = next(iter(key.units)).removesuffix("1") if key.kind == "number" else ""
+    words = ", ".join(filter(None, (key.meaning[0].upper() + key.meaning[1:], unit)))
+    told = arg(help=f"{'; '.join(filter(None, (words, key.note)))}.")
+    if name == "bus":
+        return Annotated[float | str | None, told, arg(metavar="FLOAT|CAMERA|unlimited")]
+    if key.kind == "flag":
+        return Annotated[bool, told]
+    kinds = {"number": float, "integer": int, "text": str, "word": Literal[key.words]}
+    return Annotated[kinds[key.kind] | None, told]  # type: ignore[operator]
+
+
+def _with_keys(options: _Options) -> _Options:
+    """Return the options with one more for each key of a camera."""
+    keys = {name: key for name, key in KEYS.items() if key.part != "name"}
+    more = [
+        (name, _type(name, key), field(default=False if key.kind == "flag" else None))
+        for name, key in keys.items()
+        if name not in _NO_OPTION
+    ]
+    namespace = {"__doc__": options.__doc__, "__module__": options.__module__}
+    return make_dataclass(  # type: ignore[return-value]
+        options.__name__, more, bases=(options,), namespace=namespace, frozen=True, kw_only=True
+    )
+
+
+@_with_keys
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """What options do not say is that of --electronics, or else of --sensor.
+
+    Parameters
+    ----------
+    sensor
+        Camera: a name (`eres sensors` lists them), or a TOML file.
+    resolution
+        Width of a plain sensor, px; its height follows that of the frames.
+    electronics
+        Camera, a name or a file, whose pixels and bus this one has on its own grid; ideal, for
+        pixels without delay and noise.
+    lux
+        Light on the scene, lux, which decides cutoff and shot noise.
+    """
+
+    sensor: str | None = None
+    resolution: int | None = None
+    electronics: str | None = None
+    lux: float | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that were given, by name."""
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: value for name, value in found.items() if value not in (None, False)}
+
+    @property
+    def light(self) -> InLight:
+        """The light."""
+        given = self.given
+        return {"lux": self.lux, "cutoff_hz": given.get("cutoff")}
+
+    def camera(
+        self,
+        width: int,
+        height: int,
+        *,
+        usual_width: int | None = None,
+        without: Collection[str] = ("cutoff",),
+    ) -> EventCamera:
+        """Return the camera for frames of this size.
+
+        Parameters
+        ----------
+        width, height
+            Size of the frames, px.
+        usual_width
+            Width of the sensor if none is given, px; None to refuse that.
+        without
+            Keys whose options are not part of the camera, but the light's or the command's.
+
+        Returns
+        -------
+        EventCamera
+
+        Raises
+        ------
+        TaskError
+            Options contradict each other, or one is missing.
+        SensorError
+            There is no such camera, or a value is wrong.
+        """
+        given = self.given
+        if {"lux", "cutoff"} <= {*given}:
+            raise TaskError("lux, cutoff: found both, expected one of them")
+        table = {name: value for name, value in given.items() if name in KEYS}
+        named = {"sensor": "base", "electronics": "electronics"}
+        table |= {word: given[name] for name, word in named.items() if name in given}
+        for name in without:
+            table.pop(name, None)
+        camera = camera_of(table)
+        if camera.width is not None:
+            if self.resolution is not None:
+                raise TaskError(
+                    f"sensor, resolution: found both, expected one of them; --resolution "
+                    f"{self.resolution} --electronics {self.sensor} has its pixels on another grid"
+                )
+            return camera
+        if (columns := self.resolution or usual_width) is None:
+            raise TaskError(
+                "sensor, resolution: found no size, expected one of them: --sensor NAME, as in "
+                "`eres sensors`, a file with width and height, or --resolution WIDTH"
+            )
+        return camera.on(columns, max(1, round(columns * height / width)))
+
+
+NO_OPTIONS = CameraOptions()
