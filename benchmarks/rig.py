@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -22,10 +23,10 @@ import cv2
 import numpy as np
 
 from eres_render import RadianceSequence, Renderer, load_scene, open_sequence
+from sensor import EventCamera
 from tasks.events.frame_camera import developed
 from tasks.events.frame_camera_options import FrameCameraOptions
-from tasks.events.sensor_options import PixelOptions
-from tasks.events.simulation import SimulationOptions, sensor_for, simulate_sequence
+from tasks.events.simulation import SimulationOptions, simulate_sequence
 from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import compare, read_truth, solve_recording, write_truth
 from tasks.rig.detect import detect
@@ -37,8 +38,9 @@ from tasks.rig.slider import strokes, write_slider
 from tasks.rig.virtual import render_rig, true_pose, write_page_scene
 
 CUTOFF_HZ = 200.0
-NOISY = PixelOptions(
-    cutoff=CUTOFF_HZ, threshold_mismatch=0.03, leak=0.1, hot_pixels=0.001, hot_pixel_rate=20.0
+CLEAN = EventCamera(cutoff_hz=CUTOFF_HZ)
+NOISY = replace(
+    CLEAN, threshold_mismatch=0.03, leak_hz=0.1, hot_pixel_fraction=0.001, hot_pixel_hz=20.0
 )
 CAMERAS = {
     346: "width = 346, height = 260, pitch_um = 18.5, focal_mm = 8.0",
@@ -97,10 +99,10 @@ def light_of(out: Path, width: int, depth_m: float, travel_m: float) -> Radiance
 
 def events_of(folder: Path, light: RadianceSequence) -> None:
     """Simulate the two sensors, unless that is done."""
-    for name, pixel in (("noisy", NOISY), ("clean", PixelOptions(cutoff=CUTOFF_HZ))):
+    for name, camera in (("noisy", NOISY), ("clean", CLEAN)):
         events = folder / f"{name}.h5"
         if not events.exists():
-            model = sensor_for(light, resolution=light.width, pixel=pixel)
+            model = camera.on(light.width, light.height).model(white=light.white_level)
             simulate_sequence(light, model, events, SimulationOptions(seed=1))
 
 

@@ -108,7 +108,7 @@ KEYS: dict[str, Key] = {
         part="grid",
     ),
     "threshold": Key(
-        meaning="contrast threshold of ON events, and of OFF events without threshold_off",
+        meaning="contrast threshold of ON events, and of OFF events that have none",
         note="0.2 by default",
         field="contrast_threshold",
         units={"log": _times(1), "%": _rise},

@@ -134,7 +134,8 @@ class CameraOptions:
                     f"{self.resolution} --electronics {self.sensor} has its pixels on another grid"
                 )
             return camera
-        if (columns := self.resolution or usual_width) is None:
+        columns = usual_width if self.resolution is None else self.resolution
+        if columns is None:
             raise TaskError(
                 "sensor, resolution: found no size, expected one of them: --sensor NAME, as in "
                 "`eres sensors`, a file with width and height, or --resolution WIDTH"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,25 +9,32 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, Positional, Suppress, arg
 
 from eres_render.sequence.clips import WARM_UP_S
+from sensor.cameras.files import UNLIMITED
 from tasks.cli import terminal
+from tasks.cli.camera_options import CameraOptions
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.sensor_options import NO_PROFILE, PixelOptions, find_grid
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PixelsAtEachCutoff(PixelOptions):
-    """Properties of real pixels; all are off by default.
+@dataclass(frozen=True, kw_only=True)
+class _AtEachCutoff(CameraOptions):
+    """Without options, the grid of a DAVIS346 with ideal pixels and no bus.
 
-    Sources are in the docstring of `sensor.SensorModel`.
+    What options do not say is that of --electronics, or else of --sensor.
+
+    Parameters
+    ----------
+    resolution
+        Side of a square, plain sensor, px.
     """
 
     cutoff: Suppress[float | None] = None
-    illuminance: Suppress[float | None] = None
+    lux: Suppress[float | None] = None
+    warm_up: Suppress[float | None] = None
 
 
-_IDEAL_PIXELS = _PixelsAtEachCutoff()
+_USUAL = _AtEachCutoff()
 
 # Settings whose options have shorter names, for errors.
 _OPTIONS = {
@@ -46,13 +52,10 @@ def dataset(
     count: int = 100,
     seconds: float = 1.0,
     seed: int = 0,
-    sensor: str | None = None,
-    resolution: int | None = None,
     cutoffs: Annotated[
         tuple[float, ...] | None,
         arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
     ] = None,
-    threshold: float | None = None,
     threshold_deviation: float = 0.03,
     spp: int = 4,
     max_displacement: float = 0.5,
@@ -61,9 +64,9 @@ def dataset(
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
-    pixel: OmitArgPrefixes[_PixelsAtEachCutoff] = _IDEAL_PIXELS,
+    sensor: OmitArgPrefixes[_AtEachCutoff] = _USUAL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
-    camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
+    frame_camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
     """Make a dataset of random scenes, to train networks.
 
@@ -80,18 +83,12 @@ def dataset(
         Length of each sequence after its warm-up, seconds.
     seed
         Seed of the dataset.
-    sensor
-        Name of a camera (`eres sensors` lists them); davis346 by default.
-    resolution
-        Side of a square sensor, px, instead of a camera.
     cutoffs
         Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels; by default that of the
-        profile, or inf.
-    threshold
-        Mean of the contrast thresholds, log units; each sequence has its own. By default that of
-        the profile, or 0.2.
+        sensor, or inf.
     threshold_deviation
-        Standard deviation of the contrast threshold over the sequences, log units.
+        Standard deviation of the contrast threshold over the sequences, log units; its mean is
+        that of the sensor.
     spp
         Samples per pixel: 1, 4, 9, 16, ...
     max_displacement
@@ -110,45 +107,29 @@ def dataset(
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.
     """
-    from sensor.profiles import find_profile
     from tasks.cli.progress_bar import progress_bar
     from tasks.generation.dataset import make_dataset
     from tasks.generation.settings import DatasetSettings
 
-    if sensor is not None and resolution is not None:
-        raise TaskError("sensor, resolution: found both, expected at most one of them")
-    settled = pixel.settled()
-    if resolution is not None:
-        width = height = resolution
-    else:
-        model = find_grid(sensor or "davis346").model()
-        width, height = model.width, model.height
-        if pixel.fill_factor is None:
-            settled = replace(settled, fill_factor=model.fill_factor)
-    profile = NO_PROFILE if pixel.profile is None else find_profile(pixel.profile)
+    if sensor.sensor is None and sensor.resolution is None:
+        sensor = replace(sensor, sensor="davis346")
+        if sensor.electronics is None:
+            bus = sensor.given.get("bus", UNLIMITED)
+            sensor = replace(sensor, electronics="ideal", bus=bus)  # type: ignore[call-arg]
+    camera = sensor.camera(1, 1)
     if cutoffs is None:
-        cutoff_hz = profile.number("cutoff")
-        if cutoff_hz is None:
-            pixel.refuse_photoreceptor("--cutoffs, such as --cutoffs 200")
-        cutoffs = (math.inf if cutoff_hz is None else cutoff_hz,)
-    if threshold is None:
-        threshold = profile.number("threshold_on") or 0.2
-    elif pixel.threshold_off is None:  # as in `eres simulate`, one threshold for both
-        settled = replace(settled, threshold_off=None)
+        cutoffs = (camera.cutoff_hz,)
     try:
         settings = DatasetSettings(
             seed=seed,
             seconds=seconds,
-            width=width,
-            height=height,
+            sensor=camera,
             cutoffs_hz=cutoffs,
-            threshold=threshold,
             threshold_deviation=threshold_deviation,
-            pixel=settled,
             imu=imu,
             baseline_m=stereo,
             images_hz=images,
-            camera=camera,
+            camera=frame_camera,
             spp=spp,
             max_displacement_px=max_displacement,
             truth_step_s=truth,

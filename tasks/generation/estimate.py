@@ -31,9 +31,10 @@ def estimate(settings: DatasetSettings, count: int) -> str:
         Frames, disk and time, roughly.
     """
     views = count * (1 if settings.baseline_m is None else 2)
-    pixels = settings.width * settings.height
+    width, height = settings.sensor.size
+    pixels = width * height
     seconds = settings.warm_up_s + settings.seconds
-    motion_px = _MOTION_WIDTHS_S * settings.width * seconds
+    motion_px = _MOTION_WIDTHS_S * width * seconds
     frames = views * (2 + motion_px / settings.max_displacement_px)
     events = views * _EVENTS_PER_PX_S * pixels * seconds
     truths = views * settings.seconds / settings.truth_step_s

@@ -97,7 +97,8 @@ def make_sequence(
     name = f"random-{settings.seed}-{number:06d}"
     end_s = settings.warm_up_s + settings.seconds
     seed, baseline_m = [settings.seed, number], settings.baseline_m
-    write_random_scene(folder / name, seed, end_s, settings.width, baseline_m or 0.0)
+    width, _ = settings.sensor.size
+    write_random_scene(folder / name, seed, end_s, width, baseline_m or 0.0)
     left = load_scene(folder / name)
     if baseline_m is None:
         _make_view(settings, number, left, folder, name, on_progress)
@@ -139,7 +140,7 @@ def _make_view(
         begin, share = _STAGES[stage]
         on_progress(stage, begin + share * done / total, 1.0)
 
-    camera = scene.camera(settings.width, settings.height)
+    camera = scene.camera(*settings.sensor.size)
     renderer = Renderer(scene, spp=settings.spp, integrator="emission", camera=camera)
     if white_level is not None:
         renderer.white_level = white_level
@@ -158,7 +159,7 @@ def _make_view(
             on_stage(stage, k + done / total, len(models))
 
         file = folder / f"events_{name}.h5"
-        options = SimulationOptions(seed=sensor_seed, overwrite=True)
+        options = SimulationOptions(seed=sensor_seed, readout=settings.sensor.bus, overwrite=True)
         if first is None:
             first = file
             simulate_sequence(

@@ -18,21 +18,22 @@ from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
+from sensor.cameras import EventCamera
+from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
-from sensor.levels import DARK_FRACTION
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.warm_up import needed_s
 
 FILE_NAME = "dataset.json"
 
 _LEAST_HZ = 0.01  # warms up for a minute and a half
 _MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
+_NO_MATTER = "pitch", "cutoff", "illuminance", "like", "area_exponent", "warm_up"  # with cutoffs_hz
 _WIDEST_M = 0.3  # largest baseline of a pair of cameras
-_DARK_LEVEL = DARK_FRACTION * MOST_LIGHT  # of the brightest scene, for all, W m^-2 sr^-1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,15 +48,15 @@ class DatasetSettings:
         Seed of the dataset; with the same settings, sequence k depends only on it and on k.
     seconds
         Length of each sequence, after its warm-up, s.
-    width, height
-        Size of the frames and of the sensor, px.
+    sensor
+        The event camera, with its bus; the frames have its size. Its dark level is a share of the
+        white of the brightest scene, for all.
     cutoffs_hz
         Corner frequencies of the photoreceptor's poles; one file of events for each.
-    threshold, threshold_deviation
-        Mean and standard deviation of the contrast threshold over the sequences, log units; a
-        threshold is at most two standard deviations away from the mean.
-    pixel
-        Other properties of the pixels.
+    threshold_deviation
+        Standard deviation over the sequences of the contrast threshold, whose mean is that of the
+        sensor, log units; a threshold is at most two standard deviations away from the mean. That
+        of OFF events keeps its ratio to that of ON events.
     imu
         An IMU at the position of the camera; none without a rate.
     images_hz
@@ -84,12 +85,9 @@ class DatasetSettings:
 
     seed: int
     seconds: float
-    width: int
-    height: int
+    sensor: EventCamera
     cutoffs_hz: tuple[float, ...] = (math.inf,)
-    threshold: float = 0.2
     threshold_deviation: float = 0.03
-    pixel: PixelOptions = IDEAL_PIXEL
     imu: ImuOptions = NO_IMU
     images_hz: float | None = None
     camera: FrameCameraOptions = USUAL_CAMERA
@@ -128,8 +126,8 @@ class DatasetSettings:
         )
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
-        lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
-        check("threshold", lowest > 0, "more than two deviations above 0")
+        most = self.sensor.contrast_threshold / _MOST_DEVIATIONS
+        check("threshold_deviation", self.threshold_deviation < most, f"less than {most:g}")
         baseline_m = self.baseline_m
         fits = baseline_m is None or 0 < baseline_m <= _WIDEST_M
         check("baseline_m", fits, f"above 0 and at most {_WIDEST_M} m")
@@ -140,8 +138,6 @@ class DatasetSettings:
         check("images_hz", fits, "above 0, and exposures that do not overlap")
         fits = rate_hz is not None or self.camera == USUAL_CAMERA
         check("images_hz", fits, "a rate with an exposure, a full well or a read noise")
-        if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
-            raise TaskError("pixel: found a cutoff or an illuminance, expected cutoffs_hz")
         check("truth_step_s", self.truth_step_s >= 1e-6, "at least a microsecond")
         exposure_s, whole_s = self.camera.exposure, self.warm_up_s + self.seconds
         if rate_hz is not None and exposure_s > whole_s:
@@ -171,27 +167,22 @@ class DatasetSettings:
 
         Raises
         ------
-        TaskError
-            Cutoffs are to follow the light, and all are inf.
+        SensorError
+            The sensor has no size.
         """
-        if self.pixel.cutoff_follows_light and min(self.cutoffs_hz) == math.inf:
-            raise TaskError(
-                "cutoff-follows-light: found no cutoff, expected one, such as --cutoffs 200"
-            )
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
-        base = SensorModel(width=self.width, height=self.height, dark_level=_DARK_LEVEL)
-        found: dict[str, SensorModel] = {}
-        for hz in self.cutoffs_hz:
-            model = self.pixel.at_cutoff(hz).applied_to(base, white_level)
-            C = self.threshold + away * self.threshold_deviation
-            C_off = model.contrast_threshold_off
-            found[f"{hz:g}"] = dataclasses.replace(
-                model,
-                contrast_threshold=C,
-                contrast_threshold_off=None if C_off is None else C_off * C / self.threshold,
-            )
-        return found
+        mean, off = self.sensor.contrast_threshold, self.sensor.contrast_threshold_off
+        C = mean + away * self.threshold_deviation
+        camera = dataclasses.replace(
+            self.sensor,
+            contrast_threshold=C,
+            contrast_threshold_off=None if off is None else off * C / mean,
+        )
+        return {
+            f"{hz:g}": camera.model(cutoff_hz=hz, white=white_level, dark_white=MOST_LIGHT)
+            for hz in self.cutoffs_hz
+        }
 
     def sensor_seed(self, number: int) -> int:
         """Return the seed of everything random in the sensors of a sequence."""
@@ -240,19 +231,35 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as values for JSON: lists, and infinity as a text."""
-    settled = dataclasses.replace(settings, pixel=settings.pixel.settled())
-    table: dict[str, Any] = json_values(settled)
-    return table
+    names = [one.name for one in dataclasses.fields(settings)]
+    table = {name: json_values(getattr(settings, name)) for name in names if name != "sensor"}
+    return {**table, "sensor": _values(settings.sensor)}
+
+
+def _values(camera: EventCamera) -> dict[str, Any]:
+    """Return what decides the events of a camera, by key, where it is not the default."""
+    usual, values = EventCamera(), {}
+    for name, key in KEYS.items():
+        value = getattr(camera, FIELDS[name])
+        if key.part != "name" and name not in _NO_MATTER and value != getattr(usual, FIELDS[name]):
+            values[name] = json_values(value)
+    return values
 
 
 def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a table with the fields of today: older files have a number of poles instead of a
-    photoreceptor, and no warm-up, which was six time constants of the slowest cutoff."""
+    """Return a table of an older version with the fields of today.
+
+    Older files have a number of poles in place of a photoreceptor, no warm-up, which was six time
+    constants of the slowest cutoff, and `pixel`, `width`, `height` and `threshold` for the sensor.
+    """
     slowest_hz = min(map(float, table.get("cutoffs_hz", ["inf"])))
     table = {"warm_up_s": _whole_microseconds(needed_s(slowest_hz, 1.0, 0.0)), **table}
-    pixel = dict(table.get("pixel", {}))
-    if "poles" not in pixel:
+    if "pixel" not in table:
         return table
-    photoreceptor = "two_pole" if pixel.pop("poles") == 2 else "one_pole"
-    defaults = json_values(IDEAL_PIXEL.settled())
-    return {**table, "pixel": {**defaults, **pixel, "photoreceptor": photoreceptor}}
+    sensor = {name: value for name, value in table.pop("pixel").items() if value is not None}
+    if "poles" in sensor:
+        sensor["photoreceptor"] = "two_pole" if sensor.pop("poles") == 2 else "one_pole"
+    if sensor["fill_factor"] == 1:
+        del sensor["fill_factor"]  # which is unknown today
+    sensor |= {name: table.pop(name) for name in ("width", "height", "threshold")}
+    return {**table, "sensor": _values(camera_of(sensor))}

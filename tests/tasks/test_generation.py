@@ -1,6 +1,7 @@
 """`eres dataset`: sequences of random scenes, reproduced from seeds and resumed after a stop."""
 
 import dataclasses
+import json
 import logging
 import re
 import shutil
@@ -17,13 +18,13 @@ from eres_render import ground_truth, open_sequence
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.locks import locked
 from eres_render.trajectory.rig import to_the_right
+from sensor import find_camera, plain_camera
 from sensor.formats import load_events, read_header
 from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
-from tasks.events.sensor_options import PixelOptions
 from tasks.events.truth import groups_to_copy
 from tasks.generation import dataset, sequence
 from tasks.generation.cluster import _complete
@@ -38,14 +39,15 @@ OPTIONS = [
 SETTINGS = DatasetSettings(
     seed=4,
     seconds=0.03,
-    width=32,
-    height=32,
+    sensor=plain_camera(32),
     cutoffs_hz=(np.inf, 200),
     truth_step_s=0.01,
     imu=ImuOptions(imu=500.0),
     images_hz=100.0,
 )
-PAIR = DatasetSettings(seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1)
+PAIR = DatasetSettings(
+    seed=1, seconds=0.01, sensor=plain_camera(32, 24), truth_step_s=0.01, baseline_m=0.1
+)
 FILES = ("events_inf.h5", "events_200.h5")
 
 
@@ -162,7 +164,7 @@ def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
     for options, found in (
         (["--seed", 5], "seed: found 4, expected 5"),
         (["--seed", 4, "--spp", 9], "spp: found 4, expected 9"),
-        (["--seed", 4, "--leak", 0.1], "'leak': 0.0"),
+        (["--seed", 4, "--leak", 0.1], "'leak': 0.1"),
     ):
         code, _, error = eres("dataset", made, *OPTIONS, *options)
         assert code == 1
@@ -187,7 +189,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
 @pytest.mark.parametrize(
     ("options", "found"),
     [
-        (["--sensor", "davis346", "--resolution", 8], "found both, expected at most one"),
+        (["--sensor", "davis346", "--resolution", 8], "sensor, resolution: found both"),
         (["--sensor", "davis3460"], "did you mean 'davis346'?"),
         (["--count", 0], "count: found 0, expected at least 1"),
         (["--seconds", 0], "seconds: found 0.0, expected a positive number"),
@@ -197,14 +199,14 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--cutoffs", 50, "nan"], "cutoffs: found (50.0, nan), expected positive"),
         (["--cutoffs", 50, 50], "cutoffs: found (50.0, 50.0), expected positive"),
         (["--cutoffs", 200.0001, 200.0002], "expected positive numbers of Hz that differ in six"),
-        (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
+        (["--threshold", 0.05], "threshold_deviation: found 0.03, expected less than 0.025"),
         (["--stereo", 0.4], "stereo: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
         (["--gyroscope-noise", 1], "gyroscope_noise: found 1.0, expected it only with an IMU"),
         (["--cutoffs", 1e-308], "cutoffs: found (1e-308,), expected at least 0.01 Hz"),
         (["--images", 300], "images: found 300.0, expected above 0, and exposures"),
         (["--resolution", 0], "width: found 0"),
-        (["--threshold", "inf"], "contrast_threshold: found inf"),
+        (["--threshold", "inf"], "threshold: found inf"),
         (["--exposure", 0.01], "images: found None, expected a rate with an exposure"),
         (["--truth", 1e-7], "truth: found 1e-07, expected at least a microsecond"),
         (["--max-displacement", 0], "max_displacement: found 0.0, expected a positive number"),
@@ -237,59 +239,83 @@ def test_a_dataset_has_cutoffs_and_no_single_one(tmp_path, eres):
     assert not re.search(r"--(cutoff|illuminance)\s", said)
     code, _, error = eres("dataset", tmp_path / "out", "--cutoff", 50)
     assert (code, "--cutoffs FLOAT" in error) == (2, True)
-    for pixel in (PixelOptions(cutoff=50.0), PixelOptions(illuminance=17.0)):
-        with pytest.raises(TaskError, match="expected cutoffs_hz"):
-            DatasetSettings(seed=0, seconds=1, width=4, height=4, pixel=pixel)
 
 
 def test_a_list_of_cutoffs_is_a_tuple():
     """Promise: the same dataset continues, however its cutoffs are given."""
-    settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4, cutoffs_hz=[200, np.inf])
+    settings = DatasetSettings(
+        seed=0, seconds=1.0, sensor=plain_camera(4), cutoffs_hz=[200, np.inf]
+    )
     assert settings == dataclasses.replace(settings, cutoffs_hz=(200.0, np.inf))
 
 
 def test_a_cutoff_follows_the_light_where_there_is_one():
     """Promise: ideal pixels beside those whose cutoff follows the light, as in a study."""
-    pixel = PixelOptions(cutoff_follows_light=True)
-    settings = DatasetSettings(
-        seed=0, seconds=1.0, width=4, height=4, cutoffs_hz=(np.inf, 200.0), pixel=pixel
-    )
+    camera = dataclasses.replace(plain_camera(4), cutoff_follows_light=True)
+    settings = DatasetSettings(seed=0, seconds=1.0, sensor=camera, cutoffs_hz=(np.inf, 200.0))
     ideal, real = settings.models(0, white_level=1.0).values()
     assert (ideal.cutoff_hz, ideal.cutoff_reference) == (np.inf, None)
     assert real.cutoff_hz == 200
     assert real.cutoff_reference is not None
 
 
+def test_a_dataset_of_an_older_version_continues(tmp_path):
+    """Promise: dataset.json with a sensor of options, or with `poles`, is that of the same one."""
+    camera = dataclasses.replace(plain_camera(32, 24), leak_hz=0.1, fill_factor=0.22)
+    settings = DatasetSettings(seed=0, seconds=1.0, sensor=camera)
+    claim_folder(settings, tmp_path)
+    file = tmp_path / "dataset.json"
+    older = json.loads(file.read_text())
+    assert older.pop("sensor") == {"width": 32, "height": 24, "fill_factor": 0.22, "leak": 0.1}
+    pixel = {
+        **{"profile": None, "threshold_off": None, "cutoff": None, "illuminance": None},
+        **{"cutoff_follows_light": False, "random_start": False, "fill_factor": 0.22},
+        **{"threshold_mismatch": 0.0, "leak": 0.1, "shot_noise": 0.0, "shot_noise_exponent": 0.5},
+        **{"hot_pixels": 0.0, "hot_pixel_rate": 100.0, "refractory": 0.0},
+    }
+    older |= {"width": 32, "height": 24, "threshold": 0.2}
+    file.write_text(json.dumps(older | {"pixel": pixel | {"photoreceptor": "two_pole"}}))
+    claim_folder(settings, tmp_path)
+    file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 2}}))
+    claim_folder(settings, tmp_path)
+    file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 1}}))
+    with pytest.raises(TaskError, match=r"sensor: found .*one_pole"):
+        claim_folder(settings, tmp_path)
+
+
+def test_a_dataset_takes_a_whole_camera():
+    """Promise: OFF thresholds keep their ratio to ON over the sequences; the dark level is a share
+    of the white of the brightest scene."""
+    camera = find_camera("davis346")
+    model = DatasetSettings(seed=0, seconds=1.0, sensor=camera).models(3, 2.0)["inf"]
+    assert model.contrast_threshold != camera.contrast_threshold
+    ratio = camera.contrast_threshold_off / camera.contrast_threshold
+    assert model.off_threshold / model.contrast_threshold == pytest.approx(ratio)
+    assert (model.leak_hz, model.dark_level, model.fill_factor) == (0.1, 4e-3, 0.22)
+
+
 def test_a_dataset_continues_with_numbers_of_numpy(tmp_path):
     """Promise: settings that were computed are those of a dataset begun with Python's numbers."""
-    settings = DatasetSettings(seed=3, seconds=1.0, width=64, height=48, cutoffs_hz=(50.0, np.inf))
+    settings = DatasetSettings(
+        seed=3, seconds=1.0, sensor=plain_camera(64, 48), cutoffs_hz=(50.0, np.inf)
+    )
     claim_folder(settings, tmp_path)
-    computed = {"seed": np.int64(3), "width": np.array(64), "cutoffs_hz": np.array([50.0, np.inf])}
+    computed = {"seed": np.int64(3), "cutoffs_hz": np.array([50.0, np.inf])}
     camera = FrameCameraOptions(full_well=np.float32(10_000))
     claim_folder(dataclasses.replace(settings, camera=camera, **computed), tmp_path)
 
 
 def test_thresholds_stay_near_their_mean():
-    settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4)
+    settings = DatasetSettings(seed=0, seconds=1.0, sensor=plain_camera(4))
     C = [settings.models(k, 1.0)["inf"].contrast_threshold for k in range(400)]
     assert np.mean(C) == pytest.approx(0.2, abs=0.005)
     assert np.std(C) == pytest.approx(0.0264, abs=0.003)  # of a normal clipped at two sigma
     assert 0.14 <= min(C) <= 0.145
     assert 0.255 <= max(C) <= 0.26
-    noisy = DatasetSettings(
-        seed=0,
-        seconds=1.0,
-        width=4,
-        height=4,
-        pixel=PixelOptions(leak=0.1, threshold_mismatch=0.03),
-    )
-    model = noisy.models(0, 1.0)["inf"]
+    noisy = dataclasses.replace(plain_camera(4), leak_hz=0.1, threshold_mismatch=0.03)
+    model = DatasetSettings(seed=0, seconds=1.0, sensor=noisy).models(0, 1.0)["inf"]
     assert (model.leak_hz, model.threshold_mismatch, model.dark_level) == (0.1, 0.03, 4e-3)
     assert model.contrast_threshold == C[0]
-    with pytest.raises(TaskError, match="no cutoff, expected one, such as --cutoffs 200"):
-        DatasetSettings(
-            seed=0, seconds=1, width=4, height=4, pixel=PixelOptions(cutoff_follows_light=True)
-        ).models(0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -298,7 +324,7 @@ def test_thresholds_stay_near_their_mean():
         ([], {"threshold": 0.2, "off": None, "fill": 0.22}),
         (["--fill-factor", 0.5], {"fill": 0.5}),
         (["--resolution", 16], {"fill": 1.0}),
-        (["--profile", "davis240", "--threshold", 0.5], {"threshold": 0.5, "off": None}),
+        (["--sensor", "davis240", "--threshold", 0.5], {"threshold": 0.5, "off": None}),
         (["--threshold", 0.5, "--threshold-off", 0.4], {"threshold": 0.5, "off": 0.4}),
     ],
 )
@@ -389,7 +415,7 @@ def test_a_stopped_pair_continues_to_the_same_bytes(tmp_path, monkeypatch):
 def test_the_estimate_grows_with_the_work():
     """Promise: time and disk space are logged before the start, as measured for 346 x 260 px."""
     settings = DatasetSettings(
-        seed=0, seconds=1.0, width=346, height=260, cutoffs_hz=(np.inf, 200, 50)
+        seed=0, seconds=1.0, sensor=plain_camera(346, 260), cutoffs_hz=(np.inf, 200, 50)
     )
     found = re.fullmatch(
         r"100 sequences to make: about (\d+) frames, (\S+) GB on disk, (\d+) min",
