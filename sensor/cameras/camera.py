@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from sensor.cameras.fields import FIELDS, KEYS, Key
 from sensor.errors import SensorError
+from sensor.levels import DARK_FRACTION
 from sensor.model import Photoreceptor, SensorModel
 from sensor.numbers import real, refusal, whole
 
@@ -132,7 +133,7 @@ random_start
     refractory_s: float = 0.0
     latency_s: float = 0.0
     random_start: bool = False
-    dark_share: float = 1e-3
+    dark_share: float = DARK_FRACTION
     warm_up: float = 6.0
     bus_hz: float = math.inf
     fifo: int = 4096

@@ -239,4 +239,4 @@ FIELDS: dict[str, str] = {name: key.field or name for name, key in KEYS.items()}
 """The field of `EventCamera` of each key."""
 
 ALIASES = {"threshold_on": "threshold"}
-"""Other names of keys, in the files of `sensor.profiles`."""
+"""Other names of keys, in files of earlier versions."""

@@ -143,7 +143,7 @@ def read_camera(file: str | Path) -> EventCamera:
         return camera_of(tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent)
 
 
-def camera_of(table: Mapping[str, Any], name: str = "", folder: Path | None = None) -> EventCamera:
+def camera_of(table: Mapping[str, Any], name: str = "", folder: str | Path | None = None) -> EventCamera:
     """Return the camera that a table describes, as `read_camera` reads it from a file.
 
     Parameters
@@ -172,7 +172,7 @@ def camera_of(table: Mapping[str, Any], name: str = "", folder: Path | None = No
             continue
         if not isinstance(other, str):
             raise refusal(word, other, "the name or the file of a camera")
-        found = find_camera((folder or Path()) / other if other.endswith(".toml") else other)
+        found = find_camera(Path(folder or "") / other if other.endswith(".toml") else other)
         camera = found if word == "base" else camera.with_electronics(found)
     if "width" in values and "height" not in values:
         values["height"] = values["width"]

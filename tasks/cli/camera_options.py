@@ -80,7 +80,9 @@ class CameraOptions:
     def given(self) -> dict[str, Any]:
         """The options that were given, by name."""
         found = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: value for name, value in found.items() if value not in (None, False)}
+        return {
+            name: value for name, value in found.items() if value is not None and value is not False
+        }
 
     @property
     def light(self) -> InLight:

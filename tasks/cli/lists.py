@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from sensor.cameras import EventCamera
 
 
+_LEGEND = """
+min: the smallest contrast seen, not the nominal threshold.
+lent: no cutoff is known; a DVS128's, times the photodiode's area to the power
+of 1 and of 0. Those with pixels are for --sensor, all are for --electronics.
+eres sensors NAME has the values of one, with their sources."""
+
+
 def doctor() -> int:
     """Show which renderers work, cores, versions and folders.
 
@@ -73,8 +80,6 @@ def sensors(
         print(json.dumps(camera_schema(), indent=2))
         return
     from sensor.cameras import camera_names, find_camera
-    from sensor.profiles import profile_names
-    from tasks.events.sensor_options import grid_names
 
     if camera is not None:
         _show(find_camera(camera))
@@ -83,9 +88,7 @@ def sensors(
     for found in map(find_camera, camera_names()):
         table.add_row(*_facts(found))
     terminal.out.print(table, crop=False)
-    terminal.out.print()
-    for option, names in (("--sensor", grid_names()), ("--profile", profile_names())):
-        terminal.out.print(f"{option} takes {', '.join(names)}", highlight=False)
+    terminal.out.print(_LEGEND, highlight=False)
 
 
 def _facts(camera: EventCamera) -> Iterator[str]:

@@ -102,7 +102,15 @@ AS_IN_THE_FRAMES = SimulationOptions()
 
 
 def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
-    """Warn if frames are too coarse for the fill factor of a sensor."""
+    """Warn if frames are too coarse for the fill factor of a sensor.
+
+    Parameters
+    ----------
+    frames
+        The frames.
+    model
+        The sensor.
+    """
     _, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later

@@ -61,7 +61,7 @@ def test_your_own_task_is_scored(page):
     (folder / "my_count.py").write_text("def estimate(events, us): return 2 * events\n")
     names = ("exact", "my_count:estimate")
     clip = open_sequence(folder / "clips" / "clip_000")
-    exact, count = rows = evaluate_sequence(clip, "rate", methods=names, width=32)
+    exact, count = rows = evaluate_sequence(clip, "rate", methods=names, camera=32)
     assert [(row.task, row.method, row.metric) for row in rows] == [
         ("rate", name, "rate_mev_s") for name in names
     ]

@@ -62,6 +62,7 @@ def test_the_later_wins(tmp_path):
     assert (other.width, other.cutoff_hz, other.bus_hz) == (346, 30.0, 3e6)
     assert (other.photoreceptor, other.contrast_threshold) == ("v2e", 0.3)
     assert camera(electronics="v2e-noisy").size == (32, 24)
+    assert camera(sensor="davis346", leak=0.0).leak_hz == 0.0
     assert camera(sensor="davis346", bus="dvs128").bus_hz == 1e6
     assert camera(sensor="davis346", bus="unlimited").bus is None
 
@@ -98,7 +99,8 @@ def test_one_file_is_one_camera_in_every_command(tmp_path, eres, monkeypatch):
     file, study = tmp_path / "mine.toml", tmp_path / "study.toml"
     file.write_text(MINE)
     study.write_text(
-        'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = ["mine.toml"]\ncutoffs_hz = [40]\nspeeds = [1]'
+        'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = ["mine.toml"]\n'
+        "cutoffs_hz = [40]\nspeeds = [1]"
     )
     expected = read_camera(file).model(cutoff_hz=40.0, white=2.0)
     assert camera(sensor=str(file)).model(white=2.0) == expected

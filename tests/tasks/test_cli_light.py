@@ -446,7 +446,7 @@ def test_a_sensor_without_width_is_refused(eres, tmp_path):
     assert eres("render", folder, *render)[0] == 0
     asked = ("evaluate", tmp_path / "r" / "clip_000", "--task", "reconstruction")
     for width in (0, -5):
-        said = f"resolution: found {width}, expected a positive number"
+        said = f"width: found {width}, expected an integer from 1"
         refused(eres, tmp_path, said, *asked, "--resolution", width)
 
 

@@ -327,7 +327,7 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
     """Promise: the error of zero flow is the motion; a clip that begins too late is refused."""
     options = {"resolution": 64, "spp": 4, "samples": 1, "max_displacement_px": 1.0}
     (clip,) = render_scene(small_carpet, tmp_path / "long", warmup_s=0.06, **options)
-    rows = evaluate_sequence(clip, "dense_flow", width=64)
+    rows = evaluate_sequence(clip, "dense_flow", camera=64)
     by_method = {
         name: [r.value for r in rows if r.method == name] for name in TASKS["dense_flow"].methods
     }
@@ -336,14 +336,14 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
     assert np.median(by_method["zero_flow"]) > 3 * np.median(by_method["initial_flow"]) > 1
     (short,) = render_scene(small_carpet, tmp_path / "short", **options)
     with pytest.raises(TaskError, match=r"one window earlier .* with a longer --warmup"):
-        evaluate_sequence(short, "dense_flow", width=64)
+        evaluate_sequence(short, "dense_flow", camera=64)
     # Frames that end before the path of tracking, or before events that are late, are refused too.
     with pytest.raises(TaskError, match=r"12\.5 ms of frames .* expected 14 ms for the path"):
-        evaluate_sequence(short, "tracking", width=64, speed=4.0, methods=["initial_path"])
+        evaluate_sequence(short, "tracking", camera=64, speed=4.0, methods=["initial_path"])
     with pytest.raises(TaskError, match=r"path, and 10 ms for delays"):
-        evaluate_sequence(short, "tracking", width=64, speed=2.5)
+        evaluate_sequence(short, "tracking", camera=64, speed=2.5)
     with pytest.raises(TaskError, match=r"speed: found 0"):
-        evaluate_sequence(short, "tracking", width=64, speed=0.0)
+        evaluate_sequence(short, "tracking", camera=64, speed=0.0)
 
 
 @pytest.mark.parametrize(
@@ -358,7 +358,7 @@ def test_tasks_of_clips_refuse_a_continuous_sequence(small_carpet, tmp_path, tas
     options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "duration_s": 0.02}
     (whole,) = render_scene(small_carpet, tmp_path, continuous=True, **options)
     with pytest.raises(TaskError, match=said + ".*; render clips, without --continuous"):
-        evaluate_sequence(whole, task, width=16, speed=2.0)
+        evaluate_sequence(whole, task, camera=16, speed=2.0)
 
 
 def test_tracking_refuses_a_window_at_the_end_of_the_path(small_carpet, tmp_path):
@@ -366,7 +366,7 @@ def test_tracking_refuses_a_window_at_the_end_of_the_path(small_carpet, tmp_path
     renderer = Renderer(small_carpet, width=16, spp=1)
     last = Clip(0, t_start_s=9.9, t_window_start_s=9.95, t_window_end_s=10.0)
     clip = render_clip(renderer, last, tmp_path, max_displacement_px=2.0)
-    options = {"width": 16, "methods": ["initial_path"]}
+    options = {"camera": 16, "methods": ["initial_path"]}
     with pytest.raises(TaskError, match=r"path that ends at 10 s, expected 10\.006 s or later"):
         evaluate_sequence(clip, "tracking", speed=3.5, **options)
     assert len(evaluate_sequence(clip, "tracking", speed=3.0, **options)) == 1
