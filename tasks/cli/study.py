@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Column
 from rich.text import Text
@@ -37,6 +37,10 @@ def study(
     samples: Annotated[int | None, _AS_IN_STUDY] = None,
     spp: Annotated[int | None, _AS_IN_STUDY] = None,
     resolution: Annotated[int | None, _AS_IN_STUDY] = None,
+    sensors: Annotated[
+        tuple[str, ...], _AS_IN_STUDY, arg(metavar="NAME|FILE [NAME|FILE ...]")
+    ] = (),
+    lux: Annotated[tuple[float, ...], _AS_IN_STUDY, arg(metavar="FLOAT [FLOAT ...]")] = (),
     photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = (),
     distance_m: Annotated[float | None, _AS_IN_STUDY] = None,
     trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None,
@@ -68,6 +72,10 @@ def study(
         Samples per pixel of the render.
     resolution
         Side of the rendered frames, px; finer sensors are left out.
+    sensors
+        Cameras in place of the study's sensors: names (`eres sensors` lists them), or TOML files.
+    lux
+        Light on the scene in place of the study's, lux; inf for ideal pixels.
     photoreceptor
         two_pole, one_pole or v2e (v2e's limit for small steps), or several of them, on the same
         frames.
@@ -94,7 +102,6 @@ def study(
     from tasks.study.config import preset as find_preset
     from tasks.study.config import (
         with_method,
-        with_photoreceptors,
         with_resolution,
         with_scenes,
         with_weights,
@@ -102,6 +109,8 @@ def study(
     from tasks.study.report import write_report
     from tasks.study.report.finished_run import read_run
     from tasks.study.run import run_study
+    from tasks.study.sensors import read_camera_of
+    from tasks.study.settings import Simulate
     from tasks.study.study_file import read_study
 
     if file is not None and preset is not None:
@@ -114,12 +123,19 @@ def study(
     given = {"samples": samples, "spp": spp}
     rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
     asked = replace(asked, render=rendering)
+    sensing: dict[str, Any] = {}
+    if sensors:
+        cameras = tuple(read_camera_of(one, "--sensors", Path()) for one in sensors)
+        sensing |= {"sensors": cameras, "widths": ()}
+    if lux:
+        sensing |= {"illuminance_lux": lux, "cutoffs_hz": Simulate().cutoffs_hz}
+    if photoreceptor:
+        sensing["photoreceptors"] = photoreceptor
     if distance_m is not None:
-        asked = replace(asked, simulate=replace(asked.simulate, distance_m=distance_m))
+        sensing["distance_m"] = distance_m
+    asked = replace(asked, simulate=replace(asked.simulate, **sensing))
     if resolution is not None:
         asked = with_resolution(asked, resolution)
-    if photoreceptor:
-        asked = with_photoreceptors(asked, photoreceptor)
     for name in method:
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
@@ -171,6 +187,8 @@ def _show_scores(run: FinishedRun) -> None:
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.words import join_words, photoreceptor_label, share_text
 
+    for line in run.assumes:
+        terminal.out.print(line, soft_wrap=True, highlight=False)
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
@@ -183,6 +201,8 @@ def _show_scores(run: FinishedRun) -> None:
             soft_wrap=True,
             highlight=False,
         )
+    for line in run.exponents:
+        terminal.out.print(line, soft_wrap=True, highlight=False)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.out.print(

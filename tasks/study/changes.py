@@ -10,7 +10,6 @@ from pathlib import Path
 
 from eres_render.errors import check_positive
 from sensor.cameras import EventCamera
-from sensor.model import Photoreceptor
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, NetworkSettings
 from tasks.methods import task_of
@@ -102,23 +101,6 @@ def _is_seen(camera: EventCamera, render: Render) -> bool:
     """Return whether a camera is no finer than the frames."""
     size = camera.size
     return all(own <= seen for own, seen in zip(size, render.seen_px(*size), strict=True))
-
-
-def with_photoreceptors(study: Study, photoreceptors: Sequence[Photoreceptor]) -> Study:
-    """Return a study with other photoreceptors, on the same frames.
-
-    Parameters
-    ----------
-    study
-        The study.
-    photoreceptors
-        One or more.
-
-    Returns
-    -------
-    The study.
-    """
-    return replace(study, simulate=replace(study.simulate, photoreceptors=tuple(photoreceptors)))
 
 
 def with_method(study: Study, name: str) -> Study:

@@ -3,7 +3,6 @@
 from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.changes import (
     with_method,
-    with_photoreceptors,
     with_resolution,
     with_scenes,
     with_weights,
@@ -33,7 +32,6 @@ __all__ = [
     "preset",
     "to_json",
     "with_method",
-    "with_photoreceptors",
     "with_resolution",
     "with_scenes",
     "with_weights",

@@ -73,15 +73,17 @@ AREA = "area^"
 """Before the exponent in the name of a camera of `with_area_exponents`."""
 
 
-def read_camera_of(found: Any, file: Path, place: str) -> EventCamera:
+def read_camera_of(found: Any, where: str, folder: Path) -> EventCamera:
     """Read a camera from an entry of `simulate.sensors`.
 
     Parameters
     ----------
     found
         The name of a camera, a TOML file, or a table with the keys of such a file and `name`.
-    file, place
-        File and field of the entry, for error messages. Paths are relative to the file.
+    where
+        File and field of the entry, for error messages.
+    folder
+        Where files are that it names.
 
     Returns
     -------
@@ -92,14 +94,15 @@ def read_camera_of(found: Any, file: Path, place: str) -> EventCamera:
     StudyError
         A camera does not exist, has no size, or a value is wrong.
     """
-    where = f"{file}: {place}"
     try:
         if isinstance(found, str):
-            camera = find_camera(file.parent / found if found.endswith(".toml") else found)
+            camera = find_camera(folder / found if found.endswith(".toml") else found)
         elif isinstance(found, dict):
             table = dict(found)
-            name = read_typed(dict[str, str], {"name": table.pop("name", "")}, file, StudyError)
-            camera = camera_of(table, name["name"], file.parent)
+            name = read_typed(
+                dict[str, str], {"name": table.pop("name", "")}, Path(where), StudyError
+            )
+            camera = camera_of(table, name["name"], folder)
         else:
             raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
         width, height = camera.size

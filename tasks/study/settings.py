@@ -240,6 +240,9 @@ class Simulate:
             own = "contrast_thresholds" in own_of(one)
             thresholds = () if own else self.contrast_thresholds
             lines[said.assumptions(**light, thresholds=thresholds)] = None
+        kinds = {one.sources["threshold"].kind for one in self.cameras if one.states("threshold")}
+        if len(kinds) > 1:
+            lines[f"thresholds are not comparable: {', '.join(sorted(kinds))}"] = None
         return [*lines]
 
     def sizes(self, render: Render) -> list[tuple[int, int]]:

@@ -123,7 +123,8 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     if not isinstance(found, list):
         raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
     table["sensors"] = [
-        read_camera_of(one, file, f"simulate.sensors[{i}]") for i, one in enumerate(found)
+        read_camera_of(one, f"{file}: simulate.sensors[{i}]", file.parent)
+        for i, one in enumerate(found)
     ]
     return table
 

@@ -18,6 +18,7 @@ from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.asked import InLight, SensorId, light_of, sensor_of
 from tasks.study.results.bandwidth import usual_bus_hz
+from tasks.study.results.exponents import exponents_text
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import INDEX_NAME, Preview
@@ -72,6 +73,16 @@ class FinishedRun:
     def question(self) -> str:
         """Return the question of the study."""
         return self.config.get("question") or "Which event-camera resolution is enough?"
+
+    @property
+    def assumes(self) -> list[str]:
+        """Return what the study assumes of its sensors in words; none for recordings."""
+        return list(self.config.get("assumes", []))
+
+    @property
+    def exponents(self) -> list[str]:
+        """Return in words whether the choice hangs on the exponent of the photodiode's area."""
+        return exponents_text(self.scores, self.firsts, self.base_speeds)
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:

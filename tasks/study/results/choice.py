@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL, Metric
@@ -75,7 +75,12 @@ Choices = dict[tuple[str, float, float], Choice | None]
 
 
 def choose(
-    scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
+    scores: Scores,
+    series: Series,
+    scene: str,
+    cutoff_hz: float,
+    speed: float,
+    among: Callable[[SensorId], bool] = bool,
 ) -> Choice | None:
     """Choose a sensor for one condition.
 
@@ -91,6 +96,8 @@ def choose(
         Photoreceptor cutoff, Hz.
     speed
         Factor on the base speed.
+    among
+        Which sensors may be chosen; all by default.
 
     Returns
     -------
@@ -104,7 +111,7 @@ def choose(
     rates: dict[SensorId, float] = {}
     nothing: dict[SensorId, float] = {}
     printed: dict[SensorId, float] = {}
-    for sensor in scores.sensors(series, scene):
+    for sensor in filter(among, scores.sensors(series, scene)):
         condition = Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
         if (median := scores.published(series, condition)) is not None:
             printed[sensor] = median
@@ -175,7 +182,7 @@ def _tied(best: Cell, other: Cell, sign: float) -> bool:
     return lead.low is None or lead.low <= 0
 
 
-def choose_all(scores: Scores, series: Series) -> Choices:
+def choose_all(scores: Scores, series: Series, among: Callable[[SensorId], bool] = bool) -> Choices:
     """Choose a sensor for every condition of a series.
 
     Parameters
@@ -184,6 +191,8 @@ def choose_all(scores: Scores, series: Series) -> Choices:
         Scores of a run.
     series
         Method and task.
+    among
+        As for `choose`.
 
     Returns
     -------
@@ -191,7 +200,7 @@ def choose_all(scores: Scores, series: Series) -> Choices:
         One entry per condition.
     """
     return {
-        (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed)
+        (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed, among)
         for scene in scores.scenes(series)
         for cutoff in scores.cutoffs_hz(series)
         for speed in scores.speeds(series, scene)

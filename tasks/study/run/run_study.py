@@ -159,7 +159,8 @@ def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dic
         if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
             distances[one.name] = round(scale * own_m, 6)
     found = {"plane_distance_m": distances} if distances else {}
-    return {**to_json(study), "base_m_per_s": speeds, **found, "jobs": list(jobs)}
+    assumes = {"assumes": simulate.assumes}
+    return {**to_json(study), **assumes, "base_m_per_s": speeds, **found, "jobs": list(jobs)}
 
 
 def _scenes(study: Study) -> list[Scene]:
