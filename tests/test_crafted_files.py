@@ -19,10 +19,10 @@ from eres_render.scene import xml
 from eres_render.storage.settings_reader import read_json, read_toml
 from event_streams import random_events
 from sensor import EventFormatError
+from sensor import read_camera as read_event_camera
 from sensor.errors import SensorError
 from sensor.formats import load_events, read_header, write_events
 from sensor.growth import check_growth
-from sensor.profiles import read_profile
 from tasks.errors import TaskError
 from tasks.footage import images, video
 
@@ -120,7 +120,7 @@ def test_deep_settings_are_refused(tmp_path, read):
         path.write_text(f"x = {text}" if read is read_toml else text)
         assert "nested too deep" in refused(lambda file: read(dict, file, RenderError), path)
     path.write_text(f"x = {DEEP}")
-    assert "nested too deep" in refused(read_profile, path)
+    assert "nested too deep" in refused(read_event_camera, path)
 
 
 def test_yaml_is_bounded(tmp_path):

@@ -25,9 +25,9 @@ from eres_render.trajectory.tum import tum_text
 from event_streams import random_events
 from light_scenes import room_folder
 from sensor import EventError, SensorError, SensorModel
+from sensor import read_camera as read_event_camera
 from sensor.formats import Triggers, write_events
 from sensor.formats.dsec_reader import DsecReader
-from sensor.profiles import read_profile
 from tasks.errors import TaskError
 from tasks.events.description import describe
 from tasks.events.reading import AS_STORED
@@ -321,10 +321,10 @@ def study(folder):
     return folder / "study.json"
 
 
-PROFILE = """title = "mine"
+CAMERA = """title = "mine"
 [threshold_on]
-value = 10
-unit = "%"
+value = 0.1
+unit = "log"
 source = "measured"
 [cutoff]
 value = 0.2
@@ -362,7 +362,7 @@ READERS = {
     "dat": (faery_events("dat"), info),
     "es": (faery_events("es"), info),
     "bag": (bag_events, info),
-    "profile": (text_file("a.toml", PROFILE), read_profile),
+    "camera": (text_file("a.toml", CAMERA), read_event_camera),
     "study": (text_file("a.toml", STUDY), read_study),
     "study of a run": (study, lambda file: read_config(file.parent)),
     "rows": (rows, read_rows),

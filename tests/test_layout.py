@@ -96,7 +96,6 @@ WINGS = {
     "sensor.engine": {"sensor.kernels"},
     "sensor.gpu": {"sensor.engine", "sensor.kernels"},
     "sensor.formats": set(),
-    "sensor.profiles": {"sensor.cameras"},
     "sensor.cameras": {"sensor.engine", "sensor.formats"},
     "sensor.representations": set(),
     "sensor.statistics": set(),

@@ -10,7 +10,6 @@ import pytest
 from docs_page import follow
 from eres_render.rendering.backend import select_variant
 from sensor.formats import load_events
-from sensor.profiles import find_profile
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,24 +46,22 @@ def test_each_sensor_of_the_page_is_the_one_that_was_asked_for(sensors):
     widths = {file.stem: load_events(file).model.width for file in folder.glob("*.h5")}
     assert widths.pop("dvs128") == 128
     assert widths.pop("mine") == 112
-    assert widths.pop("recording") == 128
-    assert set(widths) == {
-        *("any", "dusk", "own_light", "noisy", "slow_bus", "profiled", "mine_profile")
-    }
-    assert set(widths.values()) == {96}
+    named = {"plain", "mine_on_96", "dusk", "own_light", "noisy", "v2e_noisy", "slow_bus"}
+    assert widths == dict.fromkeys(named, 96)
     assert load_events(folder / "dusk.h5").model.cutoff_hz == pytest.approx(51)
     assert load_events(folder / "noisy.h5").model.threshold_mismatch == 0.03
-    profiled = load_events(folder / "profiled.h5").model
-    assert (profiled.photoreceptor, profiled.cutoff_hz, profiled.leak_hz) == ("v2e", 30.0, 0.0)
-    assert load_events(folder / "mine_profile.h5").model.cutoff_hz == pytest.approx(100.0)
-    assert find_profile(folder / "fitted.toml").known["threshold_off"].interval[0] < 0.25
+    mine = load_events(folder / "mine_on_96.h5").model
+    assert (mine.contrast_threshold, mine.contrast_threshold_off, mine.leak_hz) == (0.2, None, 0.2)
+    assert mine.cutoff_hz == pytest.approx(100.0)
+    v2e = load_events(folder / "v2e_noisy.h5").model
+    assert (v2e.photoreceptor, v2e.cutoff_hz, v2e.leak_hz) == ("v2e", 30.0, 0.0)
 
 
 @pytest.mark.slow
 def test_a_slow_bus_drops_events(sensors):
     folder, said = sensors
     assert "events fired" in said
-    assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "any.h5"))
+    assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "plain.h5"))
 
 
 def test_the_page_of_cameras_prints_what_it_shows(tmp_path):

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
-from sensor import Events, SensorModel
+from sensor import Events, SensorModel, read_camera
 from sensor.formats import load_events, write_events
-from sensor.profiles import read_profile
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
@@ -219,14 +218,15 @@ def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, ere
     command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", profile
     code, _, err = eres(*command)
     assert (code, err) == (0, "")
-    fitted = read_profile(profile)
-    low, high = fitted.bounds["cutoff"].interval
+    fitted = read_camera(profile).sources
+    low, high = fitted["cutoff"].interval
     assert CUTOFF_HZ / 3 < low < CUTOFF_HZ < high
-    low, high = fitted.bounds["latency"].interval
+    low, high = fitted["latency"].interval
     assert low == 0
     assert high < 2 / (math.pi * CUTOFF_HZ)
-    for name in ("threshold_on", "threshold_off"):
-        assert fitted.known[name].value == pytest.approx(0.2, rel=0.15)
+    camera = read_camera(profile)
+    for C in (camera.contrast_threshold, camera.contrast_threshold_off):
+        assert C == pytest.approx(0.2, rel=0.15)
 
 
 def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
