@@ -226,7 +226,7 @@ def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, ere
     assert high < 2 / (math.pi * CUTOFF_HZ)
     camera = read_camera(profile)
     for C in (camera.contrast_threshold, camera.contrast_threshold_off):
-        assert C == pytest.approx(0.2, rel=0.15)
+        assert pytest.approx(0.2, rel=0.15) == C
 
 
 def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
