@@ -205,6 +205,14 @@ random_start
         """
         return replace(self, width=width, height=height)
 
+    def with_threshold(self, contrast_threshold: float) -> EventCamera:
+        """Return the camera with another threshold of ON events, log units, in which that of OFF
+        events keeps its ratio to it."""
+        off = self.contrast_threshold_off
+        if off is not None:
+            off = off * contrast_threshold / self.contrast_threshold
+        return replace(self, contrast_threshold=contrast_threshold, contrast_threshold_off=off)
+
     def with_electronics(self, other: EventCamera) -> EventCamera:
         """Return this grid with the electronics and the bus of another camera.
 

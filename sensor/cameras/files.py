@@ -24,6 +24,9 @@ OTHERS = {  # keys that name another camera
 }
 UNLIMITED = "unlimited"
 
+# Keys that act through a cutoff and a warm-up alone.
+_LIGHT = "pitch", "cutoff", "illuminance", "like", "area_exponent", "warm_up"
+
 
 @functools.cache
 def camera_names() -> tuple[str, ...]:
@@ -143,7 +146,9 @@ def read_camera(file: str | Path) -> EventCamera:
         return camera_of(tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent)
 
 
-def camera_of(table: Mapping[str, Any], name: str = "", folder: str | Path | None = None) -> EventCamera:
+def camera_of(
+    table: Mapping[str, Any], name: str = "", folder: str | Path | None = None
+) -> EventCamera:
     """Return the camera that a table describes, as `read_camera` reads it from a file.
 
     Parameters
@@ -314,6 +319,27 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
         lines.append(f"{name} = {{ {inner} }}")
     with new_file(Path(file), overwrite=overwrite) as made:
         made.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def values_of(camera: EventCamera) -> dict[str, Any]:
+    """Return what decides the events of a camera at a given cutoff, where it is not the default.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+
+    Returns
+    -------
+    dict
+        Values for JSON, in the units of the fields, by key.
+    """
+    plain, values = EventCamera(), {}
+    for name in (name for name, key in KEYS.items() if key.part != "name" and name not in _LIGHT):
+        value = getattr(camera, FIELDS[name])
+        if value != getattr(plain, FIELDS[name]):
+            values[name] = "inf" if value == math.inf else value
+    return values
 
 
 def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, str, list[float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -34,6 +34,9 @@ class TrainingOptions:
     light
         Light of the crops: ideal, for ideal pixels in all; all, for a cutoff drawn for each. All
         else is the same.
+    sensor
+        Camera of the crops, a name or a TOML file, for all that they do not draw: photoreceptor,
+        dark level, noise, delays; in place of that of the settings.
     seed
         Seed of the crops and the initial weights.
     device
@@ -43,6 +46,7 @@ class TrainingOptions:
     out: Path
     config: Annotated[str, arg(metavar="NAME|FILE.toml")] = "small"
     light: Literal["ideal", "all"] = "all"
+    sensor: str | None = None
     seed: int = 0
     device: Literal["cpu", "cuda"] | None = None
 
@@ -101,6 +105,10 @@ def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOpt
         raise TrainingError(f"seed: found {options.seed}, expected 0 to 2^64 - 1")
     from tasks.cli.progress_bar import progress_bar
     from tasks.provenance import environment
+
+    if options.sensor is not None:
+        crops = replace(settings.crops, sensor=options.sensor)
+        settings = replace(settings, crops=crops)  # type: ignore[arg-type]
 
     try:
         from tasks.learned.training.start import start

@@ -19,8 +19,7 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
 from sensor.cameras import EventCamera
-from sensor.cameras.fields import FIELDS, KEYS
-from sensor.cameras.files import camera_of
+from sensor.cameras.files import camera_of, values_of
 from sensor.errors import SensorError
 from sensor.model import SensorModel
 from tasks.errors import TaskError
@@ -32,7 +31,6 @@ FILE_NAME = "dataset.json"
 
 _LEAST_HZ = 0.01  # warms up for a minute and a half
 _MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
-_NO_MATTER = "pitch", "cutoff", "illuminance", "like", "area_exponent", "warm_up"  # with cutoffs_hz
 _WIDEST_M = 0.3  # largest baseline of a pair of cameras
 
 
@@ -172,13 +170,8 @@ class DatasetSettings:
         """
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
-        mean, off = self.sensor.contrast_threshold, self.sensor.contrast_threshold_off
-        C = mean + away * self.threshold_deviation
-        camera = dataclasses.replace(
-            self.sensor,
-            contrast_threshold=C,
-            contrast_threshold_off=None if off is None else off * C / mean,
-        )
+        C = self.sensor.contrast_threshold + away * self.threshold_deviation
+        camera = self.sensor.with_threshold(C)
         return {
             f"{hz:g}": camera.model(cutoff_hz=hz, white=white_level, dark_white=MOST_LIGHT)
             for hz in self.cutoffs_hz
@@ -233,17 +226,7 @@ def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as values for JSON: lists, and infinity as a text."""
     names = [one.name for one in dataclasses.fields(settings)]
     table = {name: json_values(getattr(settings, name)) for name in names if name != "sensor"}
-    return {**table, "sensor": _values(settings.sensor)}
-
-
-def _values(camera: EventCamera) -> dict[str, Any]:
-    """Return what decides the events of a camera, by key, where it is not the default."""
-    usual, values = EventCamera(), {}
-    for name, key in KEYS.items():
-        value = getattr(camera, FIELDS[name])
-        if key.part != "name" and name not in _NO_MATTER and value != getattr(usual, FIELDS[name]):
-            values[name] = json_values(value)
-    return values
+    return {**table, "sensor": values_of(settings.sensor)}
 
 
 def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:
@@ -262,4 +245,4 @@ def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:
     if sensor["fill_factor"] == 1:
         del sensor["fill_factor"]  # which is unknown today
     sensor |= {name: table.pop(name) for name in ("width", "height", "threshold")}
-    return {**table, "sensor": _values(camera_of(sensor))}
+    return {**table, "sensor": values_of(camera_of(sensor))}

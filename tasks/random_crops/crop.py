@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor import Events, SensorModel, simulate
-from sensor.levels import DARK_FRACTION
+from sensor import Events, simulate
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.settings import Crops, Light
 from tasks.random_crops.texture import random_texture
@@ -38,6 +37,8 @@ class Crop:
         C, log units.
     cutoff_hz
         Cutoff of the photoreceptor, Hz.
+    dark_level
+        Of the sensor.
     """
 
     events: tuple[Events, ...]
@@ -46,6 +47,7 @@ class Crop:
     motion: Motion
     contrast_threshold: float
     cutoff_hz: float
+    dark_level: float
 
     def log_image(self, t: float, side_px: int) -> NDArray[np.float32]:
         """Return what an ideal sensor sees at a time.
@@ -62,7 +64,7 @@ class Crop:
         (side_px, side_px) log intensity, including the dark level.
         """
         (homography,) = self.motion.homographies(np.array([t]), side_px)
-        return np.log(view(self.texture, homography, side_px) + np.float32(DARK_FRACTION))
+        return np.log(view(self.texture, homography, side_px) + np.float32(self.dark_level))
 
 
 def random_crop(
@@ -110,19 +112,16 @@ def random_crop(
         for homography in motion.homographies(times):
             yield view(texture, homography, crops.side_px)
 
-    model = SensorModel(
-        width=crops.side_px,
-        height=crops.side_px,
-        contrast_threshold=contrast_threshold,
-        cutoff_hz=cutoff_hz,
-        dark_level=DARK_FRACTION,
-    )
+    camera = crops.camera.with_threshold(contrast_threshold)
+    model = camera.model(cutoff_hz=cutoff_hz)
     window_s = 1e-3 * crops.window_ms
-    events = simulate(frames(), window_s * times, model, threads=1)
+    events = simulate(frames(), window_s * times, model, seed=index, threads=1)
     bounds_us = [round(1e6 * window_s * k) for k in range(windows + 1)]
     in_windows = tuple(events.between(*window) for window in pairwise(bounds_us))
     ends_us = tuple(bounds_us[1:])
-    return Crop(in_windows, ends_us, texture, motion, contrast_threshold, cutoff_hz)
+    return Crop(
+        *(in_windows, ends_us, texture, motion, contrast_threshold, cutoff_hz, camera.dark_share)
+    )
 
 
 def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> float:

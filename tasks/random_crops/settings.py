@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from eres_render.errors import check_positive
+from sensor.cameras import EventCamera, find_camera
 from tasks.errors import TaskError
 
 MOST_SIDE_PX = 1024
@@ -41,6 +42,9 @@ class Crops:
         the texture is aliased.
     max_displacement_px
         Largest motion in the image between two frames, px.
+    sensor
+        Name or TOML file of a camera, for what crops do not draw: photoreceptor, dark level, noise
+        and delays, without its bus. Its threshold of OFF events keeps its ratio to that of ON.
 
     Raises
     ------
@@ -57,6 +61,13 @@ class Crops:
     log_contrast: tuple[float, float] = (0.25, 1.1)
     texels_per_px: tuple[float, float] = (0.25, 2.0)
     max_displacement_px: float = 1.0
+    sensor: str = ""
+
+    @property
+    def camera(self) -> EventCamera:
+        """The camera, with the side of a crop."""
+        camera = find_camera(self.sensor) if self.sensor else EventCamera()
+        return camera.on(self.side_px, self.side_px)
 
     def __post_init__(self) -> None:
         if not 16 <= self.side_px <= MOST_SIDE_PX:
@@ -65,6 +76,7 @@ class Crops:
             raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
         for name in ("window_ms", "max_displacement_px"):
             check_positive(name, getattr(self, name), TaskError)
+        _ = self.camera
         for field in fields(self):
             found = getattr(self, field.name)
             if isinstance(found, tuple) and not 0 < found[0] <= found[1] < math.inf:

@@ -37,6 +37,8 @@ class EventSource:
         Frames drawn behind the events.
     start_us
         Leave out the events before this time; None for none.
+    camera
+        Name of the camera, for a file that has no sensor.
     """
 
     path: Path
@@ -48,6 +50,7 @@ class EventSource:
     reading: Reading = AS_STORED
     frames: ClipFrames | None = None
     start_us: int | None = None
+    camera: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -57,7 +60,8 @@ class EventSource:
     @property
     def title(self) -> str:
         """The sensor, or the file if it is unknown."""
-        return self.name if self.header.model is None else sensor_title(self.header.model)
+        model = self.header.model
+        return self.camera or self.name if model is None else sensor_title(model)
 
     @property
     def name(self) -> str:

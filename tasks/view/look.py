@@ -44,6 +44,9 @@ class Look:
         Colors: blue-red or dark.
     height
         Height of the pictures, px; by default one that suits the sensor and the file.
+    sensor
+        Camera of files that do not say theirs, a name or a TOML file, for captions, and for the
+        size of files without one.
     """
 
     window: float | None = None
@@ -55,6 +58,7 @@ class Look:
     at: float | None = None
     palette: Literal["blue-red", "dark"] = "blue-red"
     height: int | None = None
+    sensor: str | None = None
 
     def check(self) -> None:
         """Refuse values that no file can show.

@@ -9,6 +9,7 @@ from typing import Literal
 
 from eres_render import RadianceSequence, ground_truth, open_sequence
 from eres_render.progress import Progress
+from sensor.cameras import EventCamera, find_camera
 from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
@@ -96,6 +97,9 @@ def open_subject(
         raise TaskError("over: found only rendered clips, expected files of events to draw over it")
     if len(files) == len(paths) and show != "frames":
         raise TaskError(f"show: found {show}, expected it only with a rendered clip as a source")
+    camera = EventCamera() if look.sensor is None else find_camera(look.sensor)
+    if look.sensor is not None and reading.size is None:
+        reading = replace(reading, size=camera.size)
     headers = {path: _header(path, reading, format) for path in files}
     beside_clips = len(files) < len(paths)
     speeds = {
@@ -119,6 +123,7 @@ def open_subject(
                     format=format,
                     reading=reading,
                     frames=frames,
+                    camera=camera.name,
                 )
             )
         else:

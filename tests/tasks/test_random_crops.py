@@ -260,6 +260,26 @@ def test_a_flow_sample_pairs_windows_with_the_later_ones_flow(crop):
         np.testing.assert_array_equal(sample.grids[k], grid)
 
 
+def test_a_camera_gives_what_crops_do_not_draw(tmp_path):
+    """Promise: noise, dark level and the ratio of the thresholds are the camera's, the threshold
+    of ON events and the cutoff the crop's, and all else that of the same crop without it."""
+    file = tmp_path / "mine.toml"
+    file.write_text("threshold = 0.1\nthreshold_off = 0.15\ndark = 0.05\nshot_noise = 50")
+    plain, mine = (
+        random_crop(replace(CROPS, sensor=name), WINDOWS, seed=3, index=1, light="ideal")
+        for name in ("", str(file))
+    )
+    np.testing.assert_array_equal(mine.texture, plain.texture)
+    assert mine.contrast_threshold == plain.contrast_threshold
+    image, darker = mine.log_image(0.0, SIDE), plain.log_image(0.0, SIDE)
+    np.testing.assert_allclose(np.exp(image) - np.exp(darker), 0.049, rtol=1e-3)
+    model = mine.events[0].model
+    assert model.off_threshold == pytest.approx(1.5 * plain.contrast_threshold)
+    assert (model.dark_level, model.shot_noise_hz) == (0.05, 50.0)
+    other = random_crop(replace(CROPS, sensor=str(file)), WINDOWS, seed=3, index=2, light="ideal")
+    assert not np.array_equal(other.events[0].t_us, mine.events[0].t_us)
+
+
 def test_wrong_settings_are_refused_by_name():
     """Promise: a message says which field, what was found and what was expected."""
     for change, words in (

@@ -596,6 +596,17 @@ def test_a_size_that_a_file_does_not_store_is_asked_for(eres, tmp_path):
     assert eres("view", file, "--out", out, "--size", 4, 2)[0] == 0
 
 
+def test_a_camera_of_a_file_without_one(eres, tmp_path):
+    """Promise: --sensor names the size and the camera of a recording; in the caption of a page."""
+    file, out = tmp_path / "a.csv", tmp_path / "a.html"
+    file.write_text("t_us,x,y,p\n0,1,2,1\n900,345,259,0\n")
+    assert eres("view", file, "--out", out)[0] == 1
+    code, _, err = eres("view", file, "--out", out, "--sensor", "davis346")
+    assert (code, err, "<title>davis346" in out.read_text()) == (0, "", True)
+    code, _, err = eres("view", file, "--out", out, "--sensor", "davis364", "--overwrite")
+    assert (code, "did you mean 'davis346'" in err) == (1, True)
+
+
 def test_a_file_is_read_as_the_options_say(eres, tmp_path):
     """Promise: size, unit of time and sorting reach the reader; the picture is that of a file that
     needs none of them. Rendered clips do not ignore them."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
+from sensor.cameras.files import values_of
 from tasks.learned.training.flow import Flow
 from tasks.learned.training.loop import Scores, check_machine, device_of, train
 from tasks.learned.training.problem import Problem
@@ -63,12 +64,10 @@ def start(
         task, problem = "flow", Flow(settings, light, seed)
     else:
         task, problem = "reconstruction", Reconstruction(settings, light, seed)
-    described = {
-        "task": task,
-        "light": light,
-        "seed": seed,
-        **dataclasses.asdict(settings),
-    }
+    described = {"task": task, "light": light, "seed": seed, **dataclasses.asdict(settings)}
+    del described["crops"]["sensor"]  # of which a file could change
+    if settings.crops.sensor:
+        described["crops"]["sensor"] = values_of(settings.crops.camera)
     if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
         check_machine(problem, device)  # before the folder keeps settings that cannot be trained
         made_with = {**made_with, "device": device_of(device).type}
