@@ -602,7 +602,7 @@ def test_a_camera_of_a_file_without_one(eres, tmp_path):
     file.write_text("t_us,x,y,p\n0,1,2,1\n900,345,259,0\n")
     assert eres("view", file, "--out", out)[0] == 1
     code, _, err = eres("view", file, "--out", out, "--sensor", "davis346")
-    assert (code, err, "<title>davis346" in out.read_text()) == (0, "", True)
+    assert (code, err, "davis346" in out.read_text()) == (0, "", True)
     code, _, err = eres("view", file, "--out", out, "--sensor", "davis364", "--overwrite")
     assert (code, "did you mean 'davis346'" in err) == (1, True)
 
