@@ -19,7 +19,14 @@ from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, bus_of, light_at, own_of, with_area_exponents
+from tasks.study.sensors import (
+    BUS_KEYS,
+    Light,
+    bus_of,
+    light_at,
+    own_of,
+    with_area_exponents,
+)
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
@@ -290,7 +297,7 @@ class Simulate:
                 "name": one.name,
                 "in_light": [light.on(one) for light in self.lights],
                 "own": own_of(one),
-                "readout": one.bus if one.states("bus") else None,
+                "readout": self.readout(one) if any(map(one.states, BUS_KEYS)) else None,
                 "warm_up": one.warm_up if one.states("warm_up") else None,
             }
             for one in named

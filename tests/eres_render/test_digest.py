@@ -16,7 +16,8 @@ from eres_render.scene.texture_recipes import TEXTURES
 from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
 from light_scenes import edit_scene
-from tasks.study.config import preset
+from sensor import EventCamera, find_camera, write_camera
+from tasks.study.config import Simulate, Study, preset
 from tasks.study.run.jobs import jobs_of
 
 
@@ -35,9 +36,13 @@ def changes(value):
     """Yield the value with each of its leaves changed, one at a time, and the leaf's place."""
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            found, name = getattr(value, field.name), field.name
-            several = found is None and "tuple" in str(field.type)
-            for changed, place in [((1.0,), "")] if several else changes(found):
+            found, name, kind = getattr(value, field.name), field.name, str(field.type)
+            inner = changes(found)
+            if "EventCamera" in kind:
+                inner = [((find_camera("davis346"),), "")]
+            elif found is None and "tuple" in kind:
+                inner = [((1.0,), "")]
+            for changed, place in inner:
                 yield dataclasses.replace(value, **{name: changed}), f".{name}{place}"
     elif isinstance(value, dict):
         for name in value:
@@ -98,8 +103,8 @@ def test_anything_else_is_refused(value):
 
 
 def test_every_value_of_a_part_is_in_its_key():
-    """Promise: each field of light, sensors and tasks changes it, except the number of samples, and
-    the least warm-up, which is in the clip."""
+    """Promise: each field of light, sensors and tasks changes it, except the number of samples,
+    and what the clip and the cameras hold: the least warm-up and the exponents of the area."""
     for job in (jobs_of(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
         anchor_s = 0.5 * (job.clip.t_start_s + job.clip.t_window_start_s)
         keys = {job.key}
@@ -109,7 +114,7 @@ def test_every_value_of_a_part_is_in_its_key():
         for section in ("clip", "render", "simulate"):
             for changed, place in changes(getattr(job, section)):
                 found = dataclasses.replace(job, **{section: changed}).key
-                elsewhere = place in (".samples", ".warm_up_s")
+                elsewhere = place in (".samples", ".warm_up_s", ".area_exponents")
                 assert (found in keys) == elsewhere, f"{section}{place}"
                 keys.add(found)
         for task, settings in job.evaluate.items():
@@ -120,6 +125,58 @@ def test_every_value_of_a_part_is_in_its_key():
                 found = dataclasses.replace(job, evaluate=evaluate).key
                 assert found not in keys, f"{task}{place}"
                 keys.add(found)
+
+
+MINE = EventCamera(
+    name="mine",
+    width=64,
+    height=64,
+    pitch_um=18.5,
+    fill_factor=0.22,
+    contrast_threshold_off=0.3,
+    photoreceptor="one_pole",
+    area_exponent=0.5,
+    shot_noise_hz=1.0,
+    hot_pixel_fraction=0.1,
+    bus_hz=1e6,
+)
+MEASURED = dataclasses.replace(MINE, cutoff_hz=300.0, illuminance_lux=100.0)
+WORDS = ("title", "supplier", "year", "interface", "sources")
+
+
+def test_every_value_of_a_camera_is_in_the_key_of_its_jobs(tmp_path):
+    """Promise: each value that decides events changes it, whether the camera's cutoff is lent or
+    its own, and a queue of its own before the bus of the study too; words about it do not."""
+    lender = dataclasses.replace(MEASURED, name="lender")
+    write_camera(tmp_path / "lender.toml", lender)
+    others = {"photoreceptor": "v2e", "like": str(tmp_path / "lender.toml"), "sources": {}}
+    simulate = Simulate(widths=(), sensors=(MINE,), illuminance_lux=(67.0,), bus_mev_s=2.0)
+    job = jobs_of(Study(name="mine", scenes=("carpet",), simulate=simulate), load_scene("carpet"))[0]
+
+    def key(camera, **changed):
+        asked = dataclasses.replace(simulate, sensors=(camera,), **changed)
+        return dataclasses.replace(job, simulate=asked).key
+
+    for field in dataclasses.fields(EventCamera):
+        found = set()
+        for camera in (MINE, MEASURED):
+            value = getattr(camera, field.name)
+            if field.name in others:
+                value = others[field.name]
+            elif isinstance(value, float):
+                value = 1.25 * value if 0 < value < math.inf else 0.125
+            else:
+                value = 2017 if field.name == "year" else changed_leaf(value)
+            changed = dataclasses.replace(camera, **{field.name: value})
+            found.add(key(camera) == key(changed))
+        assert (False in found) == (field.name not in WORDS), field.name
+    late = [
+        dataclasses.replace(MINE, bus_hz=math.inf, **own)
+        for own in ({}, {"fifo": 9}, {"row_overhead_s": 1e-6})
+    ]
+    assert len({key(one) for one in late}) == 3
+    assert key(MINE, area_exponents=(0.0,)) != key(MINE, area_exponents=(1.0,))
+    assert key(MEASURED, area_exponents=(0.0,)) == key(MEASURED)
 
 
 @pytest.mark.parametrize("name", ["carpet", "room"])
