@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
-from sensor import SensorModel, cutoff_in_light
+from sensor import EventCamera, cutoff_in_light
 from tasks.errors import StudyError
 from tasks.study.config import (
     Evaluate,
@@ -20,7 +20,6 @@ from tasks.study.config import (
     with_resolution,
 )
 from tasks.study.run.jobs import jobs_of
-from tasks.study.sensors import StudySensor
 from tasks.study.study_file import read_study
 
 
@@ -280,7 +279,7 @@ def test_a_study_that_is_not_there(tmp_path):
 def test_sensors_finer_than_smaller_frames_are_left_out():
     """Promise: --resolution keeps the sensors that see enough pixels of frames of any shape."""
     sensors = tuple(
-        StudySensor(name=name, in_light=(SensorModel(width=width, height=height),))
+        EventCamera(name=name, width=width, height=height)
         for name, width, height in (("square", 500, 500), ("flat", 200, 100), ("low", 600, 90))
     )
     study = Study(

@@ -7,13 +7,12 @@ import pytest
 
 from eres_render import load_scene, render_scene
 from eres_render.progress import silent
-from sensor import SensorModel
+from sensor import EventCamera
 from small_study import only
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.study.config import DenseFlow, Flow, Reconstruction, Render, Simulate, Study, Tracking
 from tasks.study.run.compute import compute_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
-from tasks.study.sensors import StudySensor
 
 RENDER = Render(resolution=64, spp=1, max_displacement_px=0.5, samples=1)
 EVALUATE = only(
@@ -42,13 +41,9 @@ STUDIES = {
 }
 # Two cameras as wide as a plain sensor: one differs in dark level, and one in fill factor.
 PLAIN = replace(ALONE, widths=(43,))
-MODEL = SensorModel(width=43, height=43, dark_level=1e-3)
-CAMERAS = tuple(
-    StudySensor(name=name, in_light=(replace(MODEL, **own),), own=("contrast_thresholds",))
-    for name, own in (
-        ("dark", {"contrast_threshold": 0.1, "dark_level": 0.02}),
-        ("small", {"contrast_threshold": 0.15, "fill_factor": 0.2}),
-    )
+CAMERAS = (
+    EventCamera(name="dark", width=43, height=43, contrast_threshold=0.1, dark_share=0.02),
+    EventCamera(name="small", width=43, height=43, contrast_threshold=0.15, fill_factor=0.2),
 )
 STUDIES |= {
     "plain alone": PLAIN,
@@ -121,7 +116,7 @@ def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):
         row.value
         for cutoff_hz, speed in dict.fromkeys((row.cutoff_hz, row.speed) for row in asked)
         for row in evaluate_sequence(
-            *(clip, "reconstruction"), methods=methods, width=32, cutoff_hz=cutoff_hz, speed=speed
+            *(clip, "reconstruction"), methods=methods, camera=32, cutoff_hz=cutoff_hz, speed=speed
         )
     ]
     assert found == [row.value for row in asked]

@@ -21,7 +21,7 @@ from eres_render import (
 from eres_render.camera import map_pixels
 from eres_render.scene.load import scene_root
 from finished_runs import make_run, page_of
-from sensor import SensorModel
+from sensor import EventCamera
 from small_study import only
 from study_rows import EI, paper_rows
 from tasks.errors import StudyError
@@ -40,7 +40,6 @@ from tasks.study.results.paper_slider import (
 from tasks.study.results.slider import FIELD_PX, PRINTS, distance_label, light_label
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
-from tasks.study.sensors import StudySensor
 from tasks.tracking import path_at, perturbed, position_error_mm
 
 INF = float("inf")
@@ -134,8 +133,7 @@ def test_one_lens_needs_a_camera_that_faces_the_plane():
 def test_a_sensor_that_sees_a_part_of_the_frames_has_the_same_lens(tmp_path):
     """Promise: the distance is that at which the part that it sees has as many pixels; a portrait
     sensor of the frames' height sees what they see, from where they were."""
-    portrait = SensorModel(width=67, height=134, dark_level=0.001)
-    sensors = (StudySensor(name="portrait", in_light=(portrait,)),)
+    sensors = (EventCamera(name="portrait", width=67, height=134),)
     study = Study(
         name="mine",
         scenes=(str(small_print(tmp_path / "prints")),),
