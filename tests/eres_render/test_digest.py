@@ -151,9 +151,8 @@ def test_every_value_of_a_camera_is_in_the_key_of_its_jobs(tmp_path):
     write_camera(tmp_path / "lender.toml", lender)
     others = {"photoreceptor": "v2e", "like": str(tmp_path / "lender.toml"), "sources": {}}
     simulate = Simulate(widths=(), sensors=(MINE,), illuminance_lux=(67.0,), bus_mev_s=2.0)
-    job = jobs_of(Study(name="mine", scenes=("carpet",), simulate=simulate), load_scene("carpet"))[
-        0
-    ]
+    study = Study(name="mine", scenes=("carpet",), simulate=simulate)
+    job = jobs_of(study, load_scene("carpet"))[0]
 
     def key(camera, **changed):
         asked = dataclasses.replace(simulate, sensors=(camera,), **changed)

@@ -10,6 +10,7 @@ from eres_render.progress import silent
 from sensor import EventCamera
 from small_study import only
 from tasks.evaluation.sequence import evaluate_sequence
+from tasks.events.simulation import SimulationOptions, simulate_sequence
 from tasks.study.config import DenseFlow, Flow, Reconstruction, Render, Simulate, Study, Tracking
 from tasks.study.run.compute import compute_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
@@ -121,3 +122,21 @@ def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):
     ]
     assert found == [row.value for row in asked]
     assert len(found) == 2 * 4 * 3
+
+
+def test_a_camera_loses_the_share_that_its_bus_reports(tmp_path):
+    """Promise: in a study, in `evaluate_sequence` and in `eres simulate` a camera has its own bus,
+    not that of the study. Without a warm-up all events are in the window."""
+    camera = EventCamera(name="late", width=43, height=43, bus_hz=5e4, fifo=50)
+    simulate = replace(ALONE, widths=(), sensors=(camera,), warm_up_s=0.0, bus_mev_s=12.0)
+    rows = [row for row in rows_of(simulate).values() if row.task == "reconstruction"]
+    (clip,) = render_scene(
+        load_scene("carpet"), tmp_path, resolution=64, spp=1, samples=1, warmup_s=0.0
+    )
+    model = camera.model(white=clip.white_level)
+    options = SimulationOptions(readout=camera.bus)
+    _, report = simulate_sequence(clip, model, tmp_path / "events.npz", options)
+    evaluated = evaluate_sequence(clip, "reconstruction", camera=camera)
+    assert {row.dropped for row in (*rows, *evaluated)} == {report.dropped_share}
+    assert {row.bus_mev_s for row in rows} == {0.05}
+    assert 0.1 < report.dropped_share < 0.9
