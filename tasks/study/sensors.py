@@ -65,12 +65,14 @@ def with_area_exponents(
 ) -> tuple[EventCamera, ...]:
     """Return cameras whose cutoff is lent once for each exponent of the area, the others as is."""
     powers = [*exponents]
-    return tuple(
-        replace(one, name=f"{one.name} {AREA}{power:g}", area_exponent=power) if lent else one
-        for one in cameras
-        for lent in [one.borrows_cutoff and one.area_um2 is not None]
-        for power in (powers if lent else [0.0])
-    )
+    found: list[EventCamera] = []
+    for one in cameras:
+        if one.borrows_cutoff and one.area_um2 is not None:
+            names = [(f"{one.name} {AREA}{power:g}", power) for power in powers]
+            found += [replace(one, name=name, area_exponent=power) for name, power in names]
+        else:
+            found.append(one)
+    return tuple(found)
 
 
 AREA = "area^"
@@ -103,10 +105,8 @@ def read_camera_of(found: Any, where: str, folder: Path) -> EventCamera:
             camera = find_camera(folder / found if found.endswith(".toml") else found)
         elif isinstance(found, dict):
             table = dict(found)
-            name = read_typed(
-                dict[str, str], {"name": table.pop("name", "")}, Path(where), StudyError
-            )
-            camera = camera_of(table, name["name"], folder)
+            name = read_typed(str, table.pop("name", ""), Path(where), StudyError, "name")
+            camera = camera_of(table, name, folder)
         else:
             raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
         width, height = camera.size

@@ -475,11 +475,19 @@ class Study:
             )
 
     def _check_sensors(self) -> None:
-        """Refuse a named sensor finer than the frames, or a name twice."""
+        """Refuse a camera without a name or a grid, one finer than the frames, or a name twice."""
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
             render = self.render
-            width, height = sensor.size
+            try:
+                width, height = sensor.size
+            except SensorError as error:
+                raise StudyError(f"simulate.sensors: {error}") from None
+            if not sensor.name:
+                raise StudyError(
+                    f"simulate.sensors: found a camera of {width}x{height} px without a name, "
+                    "expected a name, or its width in simulate.widths"
+                )
             seen = render.seen_px(width, height)
             if width > seen[0] or height > seen[1]:
                 raise StudyError(
@@ -487,8 +495,23 @@ class Study:
                     f"{render.resolution}x{render.height_at(render.resolution)} px it sees "
                     f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
                 )
+        self._check_area_exponents()
         if self.simulate.sensors:
-            _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
+            _check_list("simulate.sensors", tuple(one.name for one in self.simulate.cameras))
+
+    def _check_area_exponents(self) -> None:
+        """Refuse exponents that are out of range, given twice, or without light in lux."""
+        place, exponents = "simulate.area_exponents", self.simulate.area_exponents
+        if exponents is None:
+            return
+        _check_list(place, exponents)
+        if max(exponents) > 1:
+            raise StudyError(f"{place}: found {max(exponents)}, expected numbers from 0 to 1")
+        if self.simulate.illuminance_lux is None:
+            raise StudyError(
+                f"{place}: found {exponents} and cutoffs, expected simulate.illuminance_lux, from "
+                "which cutoffs follow"
+            )
 
     def _check_tasks(self) -> None:
         """Refuse settings that give a row twice or none, and oracles next to another
@@ -549,7 +572,7 @@ def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
 
 
 def check_buses(simulate: Simulate, render: Render) -> None:
-    """Refuse a bus that carries less than one event per window.
+    """Refuse a bus that carries less than one event per window, or a queue without a bus.
 
     Parameters
     ----------
@@ -564,11 +587,13 @@ def check_buses(simulate: Simulate, render: Render) -> None:
         Names the bus, and the smallest that is enough.
     """
     window_s = render.window_s / max(simulate.speeds)
-    buses = {
-        f"sensors: {one.name!r}: bus" if one.states("bus") else "bus_mev_s": simulate.readout(one)
-        for one in simulate.all_cameras(render)
-    }
-    for name, bus in buses.items():
+    for one in simulate.all_cameras(render):
+        bus, own = simulate.readout(one), [key for key in BUS_KEYS if one.states(key)]
+        if own and bus is None and "bus" not in own:
+            raise StudyError(
+                f"simulate.sensors: {one.name!r}: {own[0]}: found no bus, expected one of its own "
+                "or simulate.bus_mev_s"
+            )
         if bus is None or bus.row_overhead_s + 1 / bus.max_rate_hz <= window_s:
             continue
         overhead_s = bus.row_overhead_s
@@ -577,8 +602,10 @@ def check_buses(simulate: Simulate, render: Render) -> None:
             if overhead_s < window_s
             else f"a row_overhead of less than {window_s:g} s"
         )
+        decisive = [key for key in own if key != "fifo"]
+        place = f"sensors: {one.name!r}: {decisive[0]}" if decisive else "bus_mev_s"
         raise StudyError(
-            f"simulate.{name}: found {bus.max_rate_hz / 1e6:g} Mev/s"
+            f"simulate.{place}: found {bus.max_rate_hz / 1e6:g} Mev/s"
             f"{f' with a row_overhead of {overhead_s:g} s' if overhead_s else ''}, which carries "
             f"no event in a window of {1e3 * window_s:g} ms, expected {expected}"
         )

@@ -419,9 +419,13 @@ def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
     reason = f"warm_up_s = {simulate.warm_up_s:g}"
     nearest = []
     if simulate.longest_warm_up_s > simulate.warm_up_s:
-        slowest_hz, lux, name = _slowest(simulate)
+        camera, light, model = max(
+            simulate.models(), key=lambda found: found[0].warm_up / found[2].cutoff_hz
+        )
+        slowest_hz, lux = model.cutoff_hz, light.illuminance_lux
+        name = f" of {camera.name!r}" if camera.name else ""
         reason = (
-            f"{simulate.warmup_time_constants:g} time constants of {slowest_hz:g} Hz{name} at "
+            f"{camera.warm_up:g} time constants of {slowest_hz:g} Hz{name} at "
             f"speed {max(simulate.speeds):.3g}"
         )
         if all(one.warm_up_s + before_s < room_s for _, one, before_s in stretches):
@@ -442,14 +446,6 @@ def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
         f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, {reason}"
         f"{earlier}, expected at most {room_s:g} s, half of render.every_s"
         f"{': ' if nearest else ''}{', or '.join(nearest)}"
-    )
-
-
-def _slowest(simulate: Simulate) -> tuple[float, float, str]:
-    """Return the lowest cutoff in Hz, its light in lux or 0, and the named sensor that has it."""
-    return min(
-        (model.cutoff_hz, light.illuminance_lux, f" of {camera.name!r}" if camera.name else "")
-        for camera, light, model in simulate.models()
     )
 
 
