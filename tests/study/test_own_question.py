@@ -16,7 +16,7 @@ import pytest
 from eres_render import load_scene
 from finished_runs import add_previews, make_run, page_of
 from made_scaling import made
-from sensor import Readout, cutoff_in_light
+from sensor import Readout, cutoff_in_light, find_camera
 from study_rows import paper_rows
 from tasks.errors import StudyError
 from tasks.evaluation.timings import read_timings
@@ -56,15 +56,15 @@ def read(folder: Path, simulate: str, rest: str = "") -> Study:
 
 
 def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
-    """Promise: a name, a TOML file and a table each give a sensor; profiles and files are relative
-    to the file that names them; what a sensor says replaces the study's lists."""
+    """Promise: a name, a TOML file and a table each give a camera; files are relative to the file
+    that names them; what a camera says replaces the study's lists."""
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "pixel.toml").write_text(
         'title = "mine"\n[threshold_on]\nvalue = 0.3\nunit = "log"\nsource = "measured"\n'
         '[threshold_off]\nvalue = 0.4\nunit = "log"\nsource = "measured"'
     )
     (tmp_path / "parts" / "wide.toml").write_text(
-        'width = 200\nheight = 100\nprofile = "pixel.toml"\nbus = 0.5'
+        'width = 200\nheight = 100\nelectronics = "pixel.toml"\nbus = 0.5'
     )
     sensors = """
     sensors = ["davis346", "parts/wide.toml", {name = "noisy", width = 320, leak = 0.1}]
@@ -75,43 +75,69 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     assert simulate.sizes(Render()) == [(346, 260), (200, 100), (320, 320)]
     davis, wide, noisy = simulate.sensors
     assert (davis.name, wide.name, noisy.name) == ("davis346", "wide", "noisy")
-    assert davis.in_light[0].fill_factor == 0.22
-    assert noisy.in_light[0].leak_hz == 0.1
-    assert wide.readout is not None
-    assert wide.readout.max_rate_hz == 5e5
+    assert (davis.fill_factor, noisy.leak_hz, wide.bus_hz) == (0.22, 0.1, 5e5)
     found = {
         (s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models(Render())
     }
     assert found == {
-        *((name, C, C) for name in ("davis346", "noisy") for C in (0.2, 0.5)),
+        ("davis346", math.log1p(0.143), -math.log1p(-0.225)),
         ("wide", 0.3, 0.4),
+        ("noisy", 0.2, 0.2),
+        ("noisy", 0.5, 0.5),
     }
 
 
-def test_the_profile_of_a_camera_is_that_camera(tmp_path) -> None:
-    (sensor,) = read(tmp_path, 'sensors = [{profile = "davis346"}]').simulate.sensors
-    model = sensor.in_light[0]
-    assert (sensor.name, model.width, model.height, model.leak_hz) == ("davis346", 346, 260, 0.1)
-    assert model.contrast_threshold < model.off_threshold
+def test_a_base_without_changes_is_that_camera(tmp_path) -> None:
+    named, based, renamed = (
+        read(tmp_path, f"sensors = [{sensor}]").simulate
+        for sensor in ('"davis346"', '{base = "davis346"}', '{base = "davis346", name = "mine"}')
+    )
+    (camera,) = named.sensors
+    assert camera == find_camera("davis346")
+    assert based == named
+    assert renamed.sensors == (replace(camera, name="mine"),)
 
 
-def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
-    """Physics: bandwidth is proportional to light: 3 Hz per lux, or as the profile measured."""
+def test_light_in_lux_decides_the_cutoff_as_the_camera_measured(tmp_path) -> None:
+    """Physics: bandwidth is proportional to light: 3 Hz per lux, or from the camera's own pair."""
     (tmp_path / "fast.toml").write_text(
         'title = "mine"\n[cutoff]\nvalue = 1\nunit = "kHz"\nsource = "measured"\n'
         '[illuminance]\nvalue = 100\nunit = "lux"\nsource = "measured"'
     )
-    sensors = 'illuminance_lux = [inf, 20]\nsensors = [{width = 64, profile = "fast.toml"}]'
+    sensors = 'illuminance_lux = [inf, 20]\nsensors = [{width = 64, electronics = "fast.toml"}]'
     simulate = read(tmp_path, f"{sensors}\nwidths = [32]").simulate
     assert simulate.cutoffs_hz == (math.inf, cutoff_in_light(20))
     found = {
-        (model.width, light.illuminance_lux): m
-        for _, light, m in simulate.models(Render())
-        for model in [m]
+        (model.width, light.illuminance_lux): model for _, light, model in simulate.models(Render())
     }
     assert found[32, 20.0].cutoff_hz == cutoff_in_light(20)
     assert found[64, 20.0].cutoff_hz == pytest.approx(200.0)
     assert math.isinf(found[64, 0.0].cutoff_hz)
+
+
+def test_each_exponent_of_the_area_is_one_more_sensor(tmp_path) -> None:
+    """Physics: a cutoff that a DVS128 lends, 201 Hz at 67 lux, is multiplied by the ratio of the
+    areas of the photodiodes, 150.4 um^2 of a DVS128, to the power of the exponent. A cutoff of the
+    camera's own is not, nor that of pixels of unknown area: both are one sensor."""
+    cameras = '"dvs128", "davis346", "gen3-cd", "gen4-cd", "dvs-gen4", {name = "mine", width = 64}'
+    study = f"sensors = [{cameras}]\nilluminance_lux = [67]\n"
+    simulate = read(tmp_path, f"{study}area_exponents = [0, 1]").simulate
+    assert {camera.name: round(model.cutoff_hz) for camera, _, model in simulate.models()} == {
+        "dvs128": 201,
+        "mine": 201,
+        **dict.fromkeys(
+            [f"{name} area^0" for name in ("davis346", "gen3-cd", "gen4-cd", "dvs-gen4")], 201
+        ),
+        "davis346 area^1": 101,  # 18.5^2 * 0.22 = 75.3 um^2
+        "gen3-cd area^1": 75,
+        "gen4-cd area^1": 24,
+        "dvs-gen4 area^1": 7,
+    }
+    at_0_5 = read(tmp_path, f"{study}area_exponents = [0.5]").simulate
+    found = {camera.name: model.cutoff_hz for camera, _, model in at_0_5.models()}
+    area_um2 = find_camera("davis346").area_um2
+    assert found["davis346 area^0.5"] == pytest.approx(201 * math.sqrt(area_um2 / 150.4))
+    assert len([*read(tmp_path, study).simulate.models()]) == 6
 
 
 def test_speeds_in_m_per_s_are_factors_on_each_scene(tmp_path) -> None:
@@ -133,41 +159,41 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
 
 
 def test_a_sensor_may_have_another_bus_than_the_study_or_none(tmp_path) -> None:
-    """Promise: `bus` in a sensor's table counts, also where it is unlimited."""
+    """Promise: `bus` in a camera's table counts, also where it is unlimited or another camera's."""
     sensors = ", ".join(
         f'{{name = "{name}", width = {width}{bus}}}'
         for name, width, bus in (
             ("usual", 346, ""),
             ("fast", 240, ", bus = 20"),
             ("free", 128, ', bus = "unlimited"'),
+            ("lent", 64, ', bus = "dvs128"'),
         )
     )
     study = read(tmp_path, f"widths = []\nbus_mev_s = 12.0\nsensors = [{sensors}]")
     settings = jobs_of(study, load_scene("carpet"))[0].settings(1)
     buses = {one.name: one.readout and one.readout.max_rate_hz for one in settings}
-    assert buses == {"usual": 12e6, "fast": 20e6, "free": None}
+    assert buses == {"usual": 12e6, "fast": 20e6, "free": None, "lent": 1e6}
 
 
 def test_a_camera_brings_its_own_bus(tmp_path) -> None:
-    """Promise: a camera is whole: its bus goes before that of the study, which carries a camera
-    of unknown bandwidth (ATIS); a table may say otherwise."""
-    sensors = '"davis346", "atis", {profile = "dvs128"}, {sensor = "gen4-cd", bus = "unlimited"}'
+    """Promise: a camera is whole, and so are the electronics of another: its bus goes before that
+    of the study, which carries a camera of unknown bandwidth (ATIS); a table may say otherwise."""
+    electronics = '{width = 64, electronics = "dvs128"}'
+    sensors = f'"davis346", "atis", {electronics}, {{base = "gen4-cd", bus = "unlimited"}}'
     study = read(tmp_path, f"widths = []\nbus_mev_s = 2.0\nsensors = [{sensors}]")
     settings = jobs_of(study, load_scene("carpet"))[0].settings(1)
     buses = {one.name: one.readout and one.readout.max_rate_hz for one in settings}
-    assert buses == {"davis346": 12e6, "atis": 2e6, "dvs128": 1e6, "gen4-cd": None}
+    assert buses == {"davis346": 12e6, "atis": 2e6, "64x64": 1e6, "gen4-cd": None}
 
 
 def test_a_sensor_may_have_another_queue_for_the_bus_of_the_study(tmp_path) -> None:
     """Promise: `fifo` and `row_overhead` alone are those of the study's bus at this sensor."""
     sensors = '{name = "late", width = 128, fifo = 1000}, {name = "usual", width = 64}'
     study = read(tmp_path, f"bus_mev_s = 12.0\nsensors = [{sensors}]")
-    late, usual = study.simulate.sensors
-    assert late.readout == Readout(max_rate_hz=12e6, fifo_depth=1000)
-    assert usual.readout is None
-    with pytest.raises(
-        StudyError, match=r"simulate.sensors\[0\]: fifo, row-overhead: found no bus"
-    ):
+    late, usual = map(study.simulate.readout, study.simulate.sensors)
+    assert late == Readout(max_rate_hz=12e6, fifo_depth=1000)
+    assert usual == Readout(max_rate_hz=12e6, fifo_depth=4096)
+    with pytest.raises(StudyError, match=r"simulate.sensors: 'late': fifo: found no bus"):
         read(tmp_path, f"sensors = [{sensors}]")
 
 
@@ -201,7 +227,7 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ("speeds = [1]\nspeeds_m_s = [1]", "found both speeds and speeds_m_s"),
         ('bus = "davis346"\nbus_mev_s = 1', "found both bus and bus_mev_s"),
         ('bus = "davis364"', "simulate.bus: .*did you mean 'davis346'"),
-        ('bus = "atis"', "simulate.bus: the bus of 'atis' is unknown, expected bus_mev_s"),
+        ('bus = "atis"', "simulate.bus: the bus of 'atis' is unknown"),
         ("bus_mev_s = 0", "simulate.bus_mev_s: found 0.0, expected a positive number"),
         ("bus_mev_s = 1e-6", "carries no event in a window of 25 ms, expected at least 4e-05"),
         (
@@ -215,33 +241,41 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ),
         (
             'sensors = ["davis364"]',
-            r"sensors\[0\]: sensor: found 'davis364'; did you mean 'davis346'",
+            r"sensors\[0\]: camera: found 'davis364'; did you mean 'davis346'",
         ),
         ("sensors = [3]", r"simulate.sensors\[0\]: found 3, expected a camera, a file or a table"),
-        ('sensors = [{sensor = "atis", width = 3}]', "found sensor and width, expected sensor ="),
-        ('sensors = [{profile = "imx636"}]', "found no size, expected sensor = NAME"),
-        ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
-        ('sensors = [{sensor = "atis", height = 0}]', "found sensor and height, expected sensor ="),
+        ("sensors = [{name = 3, width = 64}]", r"simulate.sensors\[0\].name: found 3, expected"),
+        ('sensors = [{sensor = "atis"}]', r"sensors\[0\]: sensor: .* mean 'base'"),
+        ('sensors = [{width = 9, profile = "atis"}]', "profile: .* mean 'electronics'"),
+        ('sensors = ["imx636"]', r"sensors\[0\]: imx636: found no width and height"),
+        ("sensors = [{leak = 3}]", r"sensors\[0\]: camera: found no width and height"),
+        ("sensors = [{height = 9}]", r"sensors\[0\]: width, height: found one of them"),
+        ('sensors = [{base = "atis", height = 0}]', r"sensors\[0\]: height: found 0, expected"),
         (
             'sensors = ["davis346"]\nilluminance_lux = [0, 67]',
             "toml: simulate.illuminance_lux: found 0",
         ),
-        ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
-        ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
-        ("sensors = [{width = 9, threshold_on = 1}]", "mean 'threshold_off' or 'threshold'"),
-        ("sensors = [{width = 9, cutoff = 1}]", "unknown: the light of the study decides it"),
-        ('sensors = [{width = 9, leak = "a"}]', r"simulate.sensors\[0\].leak: found 'a', expected"),
+        ('sensors = [{width = 9, electronics = "davis34"}]', r"\[0\]: .* mean 'davis346'"),
+        ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\]: leek: unknown; .* mean 'leak'"),
+        (
+            'sensors = [{width = 9, leak = "a"}]',
+            r"simulate.sensors\[0\]: leak: found 'a', expected",
+        ),
         (
             'sensors = ["davis346", {name = "davis346", width = 9}]',
             r"simulate.sensors: found \('davis346', 'davis346'\), expected each of them once",
         ),
-        ('sensors = ["none.toml"]', "none.toml: no such file"),
+        ('sensors = ["none.toml"]', r"mine.toml: simulate.sensors\[0\]: .*none.toml: no such"),
+        ("area_exponents = [1]", "simulate.area_exponents: .* simulate.illuminance_lux"),
+        ("area_exponents = []\nilluminance_lux = [67]", "area_exponents: found none"),
+        ("area_exponents = [2]\nilluminance_lux = [67]", "area_exponents: found 2.0, .* 0 to 1"),
+        ("area_exponents = [1, 1]\nilluminance_lux = [67]", "area_exponents: .* each of them once"),
         ("illuminance_lux = [9, 9]", r"lux: found \(9.0, 9.0\), expected each of them once"),
         ("speeds_m_s = [2, 2]", r"speeds_m_s: found \(2.0, 2.0\), expected each of them once"),
         ("contrast_thresholds = [0.2, 30]", "contrast threshold of 30, expected at most 27.7"),
         ('photoreceptors = ["v2e", "v2e"]', "photoreceptors: found .*expected each of them once"),
         ("buss = 3", "simulate.buss: unknown; did you mean 'bus'"),
-        ("contrast_thresholds = [1e-12]", "toml: simulate: SensorModel.contrast_threshold: found"),
+        ("contrast_thresholds = [1e-12]", "toml: simulate: threshold: found 1e-12"),
         ("cutoffs_hz = [1e-308]", "simulate: found a cutoff of 1e-308 Hz, expected at least 0.001"),
         ('photoreceptors = ["v2"]', r"photoreceptors\[0\]: found 'v2', expected 'two_pole' or"),
     ],
@@ -268,13 +302,16 @@ def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
         'title = "mine"\n[cutoff]\nvalue = 2\nunit = "kHz"\nsource = "measured"\n'
         '[illuminance]\nvalue = 1000\nunit = "lux"\nsource = "measured"'
     )
-    sensors = 'sensors = [{name = "slow", width = 64, profile = "slow.toml"}]\nwidths = [32]'
+    sensors = 'sensors = [{name = "slow", width = 64, electronics = "slow.toml"}]\nwidths = [32]'
     said = r"6 time constants of 4 Hz of 'slow' at speed 2, .* at least 7\.64 Hz \(3\.82 lux\)"
     with pytest.raises(StudyError, match=said):
         jobs_of(read(tmp_path, f"{sensors}\nilluminance_lux = [2]", QUIET), load_scene("carpet"))
     assert jobs_of(
         read(tmp_path, f"{sensors}\nilluminance_lux = [3.82]", QUIET), load_scene("carpet")
     )
+    own = f"{sensors}\nilluminance_lux = [3.82]".replace('.toml"', '.toml", warm_up = 12')
+    with pytest.raises(StudyError, match=r"12 time constants of 7\.64 Hz of 'slow'"):
+        jobs_of(read(tmp_path, own, QUIET), load_scene("carpet"))
 
 
 def test_the_warmup_is_that_of_the_sensors(tmp_path) -> None:
@@ -284,7 +321,9 @@ def test_the_warmup_is_that_of_the_sensors(tmp_path) -> None:
         'title = "mine"\n[cutoff]\nvalue = 1\nunit = "kHz"\nsource = "measured"\n'
         '[illuminance]\nvalue = 100\nunit = "lux"\nsource = "measured"'
     )
-    alone = 'sensors = [{name = "fast", width = 64, profile = "fast.toml"}]\nilluminance_lux = [1]'
+    alone = (
+        'sensors = [{name = "fast", width = 64, electronics = "fast.toml"}]\nilluminance_lux = [1]'
+    )
     study = read(tmp_path, f"{alone}\nspeeds = [1]", QUIET)
     assert study.simulate.longest_warm_up_s == pytest.approx(6 / (2 * math.pi * 10))
     assert jobs_of(study, load_scene("carpet"))
@@ -596,14 +635,15 @@ def asked(monkeypatch) -> list[Study]:
 
 
 def test_sensor_tables_are_read_by_the_command_too(tmp_path, eres, asked) -> None:
-    """Promise: options that sensors share with `eres simulate` are those of the file."""
+    """Promise: `eres study` reads the cameras of a file as `read_study` does."""
     file = tmp_path / "cameras.toml"
-    table = '{width = 64, profile = "davis346", leak = 0.1, bus = "davis346"}'
+    table = '{width = 64, electronics = "davis346", leak = 0.2, bus = "dvs128"}'
     file.write_text(f'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = [{table}]\n')
     _, _, err = eres("study", file, "--out", tmp_path / "run")
     assert err == "error: enough\n"
     assert asked == [read_study(file)]
-    assert asked[0].simulate.sensors[0].in_light[0].leak_hz == 0.1
+    (camera,) = asked[0].simulate.sensors
+    assert (camera.leak_hz, camera.bus_hz) == (0.2, 1e6)
 
 
 def test_options_name_photoreceptors_and_a_path(tmp_path, eres, asked) -> None:
