@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
-from sensor import EventCamera, cutoff_in_light
+from sensor import EventCamera, cutoff_in_light, find_camera, plain_camera
 from tasks.errors import StudyError
 from tasks.study.config import (
     Evaluate,
@@ -274,6 +274,20 @@ def test_a_study_of_nothing_to_compare_is_refused(given, found, tmp_path, eres):
 def test_a_study_that_is_not_there(tmp_path):
     with pytest.raises(StudyError, match="no such file"):
         read_study(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        (plain_camera(64), "simulate.sensors: found a camera of 64x64 px without a name"),
+        (find_camera("imx636"), "simulate.sensors: imx636: found no width and height"),
+    ],
+    ids=["no name", "no grid"],
+)
+def test_a_camera_of_a_study_has_a_name_and_a_grid(camera, message):
+    """Promise: rows of a camera without a name would be those of a plain sensor."""
+    with pytest.raises(StudyError, match=message):
+        Study(name="mine", scenes=("carpet",), simulate=Simulate(sensors=(camera,)))
 
 
 def test_sensors_finer_than_smaller_frames_are_left_out():

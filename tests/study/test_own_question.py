@@ -237,6 +237,10 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
             "window of 25 ms, expected a row_overhead of less than 0.025 s",
         ),
         (
+            "bus_mev_s = 12\nsensors = [{width = 64, row_overhead = 1}, {width = 65}]",
+            "'64x64': row_overhead: found 12 Mev/s with a row_overhead of 1 s, which carries no",
+        ),
+        (
             "sensors = [{width = 64, bus = 1e-4, row_overhead = 0.02}]",
             "found 0.0001 Mev/s with a row_overhead of 0.02 s, .* expected at least 0.0002",
         ),
