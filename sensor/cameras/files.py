@@ -22,7 +22,6 @@ OTHERS = {  # keys that name another camera
     "base": "name or file of a camera that this one changes",
     "electronics": "name or file of a camera whose pixels and bus this one has on its own grid",
 }
-_OLD_WORDS = {"sensor": "base", "profile": "electronics"}  # in sensors of older studies
 UNLIMITED = "unlimited"
 
 # Keys that act through a cutoff and a warm-up alone.
@@ -197,8 +196,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():
         if key_name not in KEYS:
-            meant = _OLD_WORDS.get(key_name, key_name)
-            raise SensorError(f"{key_name}: unknown; {nearest(meant, [*KEYS, *OTHERS])}")
+            raise SensorError(f"{key_name}: unknown; {nearest(key_name, [*KEYS, *OTHERS])}")
         value, source = _read(key_name, KEYS[key_name], facts)
         if value is not None:
             values[FIELDS[key_name]] = value
