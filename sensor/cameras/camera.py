@@ -492,7 +492,7 @@ random_start
         Parameters
         ----------
         lux, cutoff_hz
-            As for `model`, or several of them.
+            As for `model`, or several of them; inf for ideal pixels.
         thresholds
             Contrast thresholds in place of the camera's, log units.
 
@@ -543,13 +543,15 @@ random_start
         text = filter_words[self.photoreceptor]
         if self.cutoff_follows_light:
             text += "following the light of each pixel, "
+        asked = lux if lux is not None else self.cutoff_hz if cutoff_hz is None else cutoff_hz
+        found = [one for one in _several(asked) if math.isfinite(one)]
+        ideal = "ideal pixels" if len(found) < len(_several(asked)) else ""
+        if not found:
+            return ideal
         if lux is None:
-            found = _several(self.cutoff_hz if cutoff_hz is None else cutoff_hz)
-            limited = [hz for hz in found if math.isfinite(hz)]
-            ideal = ["ideal pixels"] if len(limited) < len(found) else []
-            return ", ".join(ideal + ([f"{text}cutoff {_listed(limited)} Hz"] if limited else []))
-        found = _several(lux)
+            return ", ".join(filter(None, (ideal, f"{text}cutoff {_listed(found)} Hz")))
         text = f"{_listed(found)} lux: {text}cutoff {_listed(map(self.cutoff_at, found))} Hz"
+        text = "; ".join(filter(None, (ideal, text)))
         if not self.borrows_cutoff:
             return text
         ends = [

@@ -236,8 +236,9 @@ class Simulate:
     @property
     def assumes(self) -> list[str]:
         """In words what the study assumes of its cameras, a line each."""
-        lux = [one.illuminance_lux for one in self.lights if one.illuminance_lux]
-        light: dict[str, Any] = {"lux": lux} if lux else {"cutoff_hz": self.cutoffs_hz}
+        light: dict[str, Any] = {"lux": self.illuminance_lux}
+        if self.illuminance_lux is None:
+            light = {"cutoff_hz": self.cutoffs_hz}
         lines: dict[str, None] = {}
         for one in self.all_cameras():
             bus_hz = one.bus_hz if one.states("bus") else 1e6 * (self.bus_mev_s or math.inf)

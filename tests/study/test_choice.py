@@ -11,6 +11,7 @@ from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.results.asked import SensorId
 from tasks.study.results.choice import Choice, choose, choose_all
+from tasks.study.results.exponents import exponents_text
 from tasks.study.results.scores import Scores
 
 
@@ -69,6 +70,26 @@ def test_what_does_not_beat_doing_nothing_is_not_tied() -> None:
         choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)
         assert choice is not None
         assert (choice.enough, choice.worthwhile, choice.tied) == (SensorId(1280), True, tied)
+
+
+def test_the_choice_may_hang_on_the_exponent_of_the_area() -> None:
+    """Promise: among the sensors of each exponent and those that lend no cutoff; by day 640 px are
+    0.05 dB below 1280 px at both, at night only at 1."""
+    at_night = {("a area^0", 640): 19.0, ("a area^1", 640): 20.0, ("c", 1280): 20.05}
+    rows = [
+        replace(
+            row(width, i, value + i - 4 + (light == 200) * by_day), sensor=name, cutoff_hz=light
+        )
+        for (name, width), value in at_night.items()
+        for light in (200.0, 50.0)
+        for gain in [1.0 if (name, light) == ("a area^0", 200.0) else 0.0]
+        for i in range(9)
+    ]
+    (line,) = exponents_text(Scores(rows), [EI], {"carpet": 1.0})
+    assert "exponents 0 and 1 of" in line
+    assert "the same in 1 of 2 conditions" in line
+    assert line.endswith("carpet, night, 1 m/s: c at 0 and a at 1.")
+    assert exponents_text(Scores([one for one in rows if one.sensor == "c"]), [EI], {}) == []
 
 
 def test_scenes_with_widths_of_their_own_have_their_own_choices() -> None:

@@ -8,6 +8,7 @@ import math
 import re
 from collections import Counter
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -556,6 +557,17 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
     """Promise: pictures and tables have the light of the question."""
     page = page_of(run)
     assert "100 lux" in page
+    assumed = read_run(run).assumes
+    assert [line.partition(":")[0] for line in assumed] == [
+        "plain",
+        "flat",
+        "late",
+        "noisy",
+        "apart",
+    ]
+    assert "late: 40x40; C 0.2; ideal pixels; 100 lux: cutoff 300 Hz" in assumed[2]
+    assert "bus 0.002 Mev/s" in assumed[2]
+    assert all(escape(line) in page for line in assumed)
     assert "flat, 60 px" in page
     assert re.search(r"share of a window's events that it lost: late 0\s%, flat \d+", page)
     assert 'id="bus"' not in page
