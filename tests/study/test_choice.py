@@ -77,9 +77,7 @@ def test_the_choice_may_hang_on_the_exponent_of_the_area() -> None:
     0.05 dB below 1280 px at both, at night only at 1."""
     at_night = {("a area^0", 640): 19.0, ("a area^1", 640): 20.0, ("c", 1280): 20.05}
     rows = [
-        replace(
-            row(width, i, value + i - 4 + (light == 200) * by_day), sensor=name, cutoff_hz=light
-        )
+        replace(row(width, i, value + i - 4 + gain), sensor=name, cutoff_hz=light)
         for (name, width), value in at_night.items()
         for light in (200.0, 50.0)
         for gain in [1.0 if (name, light) == ("a area^0", 200.0) else 0.0]
