@@ -115,7 +115,7 @@ def sweep_dark(
             on_progress("choosing the dark level", k, len(part.light))
             yield frame
 
-    models = [behind(camera, one, *late).model() for one in fits]
+    models = [_behind(camera, one, *late).model() for one in fits]
     offset_us = part.light.t_offset_us
     for k, found in stream_bank(frames(), part.light.t_s, models):
         count(k + 1, found.between(start_us - offset_us, end_us - offset_us))
@@ -143,7 +143,7 @@ def sweep_dark(
     return chosen, tuple(map(Swept, fits, uneven.tolist()))
 
 
-def behind(
+def _behind(
     camera: EventCamera, found: FittedThresholds, late_us: float, pole_s: float, poles: int
 ) -> EventCamera:
     """Return a camera with thresholds behind the filter with which they were fitted."""
