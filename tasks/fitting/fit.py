@@ -228,11 +228,13 @@ class Found:
             if not isinstance(value, Estimate):
                 changes[FIELDS[key]] = value
                 sources[key] = Source(source, kind)
-            elif not value.is_bound:
-                changes[FIELDS[key]] = value.value
-                sources[key] = Source(source, kind, (value.low, value.high))
+                continue
+            ends = float(value.low), float(value.high)  # of NumPy's own kind, otherwise
+            if not value.is_bound:
+                changes[FIELDS[key]] = float(value.value)
+                sources[key] = Source(source, kind, ends)
             elif not known.states(key):
-                sources[key] = Source(source, "bound", (value.low, value.high))
+                sources[key] = Source(source, "bound", ends)
         if "cutoff_hz" in changes:
             changes["illuminance_lux"] = None
             sources.pop("illuminance", None)
