@@ -16,7 +16,6 @@ from tasks.recording.options import NO_FRAMES, FrameOptions
 
 if TYPE_CHECKING:
     from sensor.cameras import EventCamera
-    from tasks.fitting.check import Agreement
     from tasks.fitting.fit import Found
 
 
@@ -136,17 +135,17 @@ def fit(
     fitted = found.camera(known, name)
     fitted = replace(fitted, title=in_text(title or known.title or recording.name))
     write_camera(out, fitted, overwrite=overwrite)
-    _print_values(found, known)
-    _print_remarks(found, shift_us if crop is None else None)
-    if found.agreement is not None:
-        _print_agreement(found.agreement)
+    _print_tables(found)
+    _print_remarks(found, known, shift_us if crop is None else None)
     for note in notes:
         terminal.out.print(note, soft_wrap=True, highlight=False)
     terminal.out.print(f"{out}: {fitted.assumptions()}", soft_wrap=True, highlight=False)
 
 
-def _print_values(found: Found, known: EventCamera) -> None:
-    """Print what was found, and the dark levels that were tried."""
+def _print_tables(found: Found) -> None:
+    """Print what was found, the dark levels that were tried, and the held-out half."""
+    from tasks.fitting.check import BLOCKS
+
     table = Table("field", "value", "unit", box=None)
     for name, (value, unit, _, _) in found.values("").items():
         table.add_row(name, str(value), unit)
@@ -157,36 +156,33 @@ def _print_values(found: Found, known: EventCamera) -> None:
         for (on, off, dark, *_), uneven in found.sweep:
             sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
         terminal.out.print(sweep, crop=False)
+    if (held_out := found.agreement) is not None:
+        start_s, end_s = (1e-6 * one for one in held_out.counted_us)
+        sides = "real", "simulated", "simulated / real"
+        table = Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides, box=None)
+        counts = [(*one, sum(one)) for one in (held_out.real, held_out.simulated)]
+        names = "ON events", "OFF events", "events"
+        for name, real, simulated in zip(names, *counts, strict=True):
+            ratio = f"{simulated / real:.3f}" if real else ""
+            table.add_row(name, str(real), str(simulated), ratio)
+        quartiles = ", ".join(f"{one:.2f}" for one in held_out.quartiles)
+        table.add_row(f"the same in {BLOCKS} x {BLOCKS} blocks, quartiles", "", "", quartiles)
+        real_us, simulated_us = held_out.real_us, held_out.simulated_us
+        ms = f"{1e-3 * real_us:.3g}", f"{1e-3 * simulated_us:.3g}"
+        table.add_row("median inter-event interval, ms", *ms, f"{simulated_us / real_us:.3f}")
+        terminal.out.print(table, crop=False)
+
+
+def _print_remarks(found: Found, known: EventCamera, shift_us: int | None) -> None:
+    """Print what the values do not say; frames were shifted by `shift_us`."""
+    from tasks.recording.motion import NOISY
+
     if found.dark is not None and found.dark.is_bound:
         terminal.out.print(
             f"the events bound the dark level, {found.dark} of white; the thresholds are those at "
             f"{100 * known.dark_share:g} %",
             soft_wrap=True,
         )
-
-
-def _print_agreement(found: Agreement) -> None:
-    """Print the comparison with the held-out half."""
-    start_s, end_s = (1e-6 * one for one in found.counted_us)
-    held_out = f"held out, {start_s:.4f} to {end_s:.4f} s"
-    table = Table(held_out, "real", "simulated", "simulated / real", box=None)
-    pairs = *zip(found.real, found.simulated, strict=True), (sum(found.real), sum(found.simulated))
-    for name, (real, simulated) in zip(("ON events", "OFF events", "events"), pairs, strict=True):
-        ratio = f"{simulated / real:.3f}" if real else "-"
-        table.add_row(name, str(real), str(simulated), ratio)
-    quartiles = ", ".join(f"{one:.2f}" for one in found.quartiles)
-    table.add_row("quartiles over 4 x 4 blocks", "", "", quartiles)
-    ms = 1e-3 * found.real_us, 1e-3 * found.simulated_us
-    table.add_row(
-        "inter-event interval, median, ms", f"{ms[0]:.3g}", f"{ms[1]:.3g}", f"{ms[1] / ms[0]:.3f}"
-    )
-    terminal.out.print(table, crop=False)
-
-
-def _print_remarks(found: Found, shift_us: int | None) -> None:
-    """Print what the values do not say; frames were shifted by `shift_us`."""
-    from tasks.recording.motion import NOISY
-
     if found.thresholds is not None and found.thresholds.unexplained > NOISY:
         terminal.out.print(
             f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
