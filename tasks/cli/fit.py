@@ -131,15 +131,18 @@ def fit(
         )
     with progress_bar(terminal.err) as on_progress:
         found = fit_recording(events, replace(evidence, camera=known), on_progress)
-    name = in_text(recording.name)
-    fitted = found.camera(known, name)
-    fitted = replace(fitted, title=in_text(title or known.title or recording.name))
+    fitted = replace(
+        found.camera(known, in_text(recording.name)),
+        name=in_text(out.stem),
+        title=in_text(title or known.title or recording.name),
+    )
     write_camera(out, fitted, overwrite=overwrite)
     _print_tables(found)
     _print_remarks(found, known, shift_us if crop is None else None)
     for note in notes:
         terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(f"{out}: {fitted.assumptions()}", soft_wrap=True, highlight=False)
+    terminal.out.print(fitted.assumptions(), soft_wrap=True, highlight=False)
+    terminal.out.print(f"{out}: {len(found.values(''))} values", soft_wrap=True)
 
 
 def _print_tables(found: Found) -> None:

@@ -173,6 +173,14 @@ class Found:
             at = f"{source}, with a dark level of {100 * self.thresholds.dark:.3g} % of white"
             values["threshold"] = Fitted(self.thresholds.on, "log", at)
             values["threshold_off"] = Fitted(self.thresholds.off, "log", at)
+            running = "the recording begins while the camera runs"
+            values["random_start"] = Fitted(True, "", running, "given")
+            if self.dark is None:
+                given = "eres fit --dark; the thresholds hold at this level"
+                values["dark"] = Fitted(self.thresholds.dark, "", given, "given")
+            else:
+                by_counts = f"{source}: events of dark and of bright pixels, in proportion"
+                values["dark"] = Fitted(self.dark, "", by_counts)
         if self.response is not None:
             steps = f"{recording}: {self.response.steps} steps of the light"
             values |= _of_filter(self.response, steps, "in their light")
@@ -195,15 +203,6 @@ class Found:
             values["hot_pixels"] = Fitted(self.noise.hot_pixels, "", hot)
             if self.noise.hot_pixel_hz is not None:
                 values["hot_pixel_rate"] = Fitted(self.noise.hot_pixel_hz, "Hz", hot)
-        if self.thresholds is not None:
-            running = "the recording begins while the camera runs"
-            values["random_start"] = Fitted(True, "", running, "given")
-            if self.dark is None:
-                given = "eres fit --dark; the thresholds hold at this level"
-                values["dark"] = Fitted(self.thresholds.dark, "", given, "given")
-            else:
-                by_counts = f"{source}: events of dark and of bright pixels, in proportion"
-                values["dark"] = Fitted(self.dark, "", by_counts)
         return values
 
     def camera(self, known: EventCamera, recording: str) -> EventCamera:
@@ -229,12 +228,12 @@ class Found:
                 changes[FIELDS[key]] = value
                 sources[key] = Source(source, kind)
                 continue
-            ends = float(value.low), float(value.high)  # of NumPy's own kind, otherwise
+            number, low, high = (float(f"{one:.6g}") for one in value)
             if not value.is_bound:
-                changes[FIELDS[key]] = float(value.value)
-                sources[key] = Source(source, kind, ends)
+                changes[FIELDS[key]] = number
+                sources[key] = Source(source, kind, (low, high))
             elif not known.states(key):
-                sources[key] = Source(source, "bound", ends)
+                sources[key] = Source(source, "bound", (low, high))
         if "cutoff_hz" in changes:
             changes["illuminance_lux"] = None
             sources.pop("illuminance", None)
