@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
@@ -14,17 +15,20 @@ from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import NO_FRAMES, FrameOptions
 
 if TYPE_CHECKING:
+    from sensor.cameras import EventCamera
     from tasks.fitting.fit import Found
 
 
 def fit(
     recording: Annotated[Positional[Path], arg(metavar="RECORDING", help="file of events")],
     out: Path,
+    sensor: str | None = None,
     still: tuple[float, float] | None = None,
     crop: Path | None = None,
     motion: bool = False,
-    dark: Annotated[float | None, arg(help_behavior_hint="(default: 0.001)")] = None,
+    dark: float | None = None,
     steps: str | None = None,
+    check: Literal["second", "first", "none"] | None = None,
     title: str | None = None,
     format: str | None = None,
     overwrite: bool = False,
@@ -33,16 +37,21 @@ def fit(
 ) -> None:
     """Estimate a sensor's electronics from a recording.
 
-    Writes a profile for `eres simulate --profile`. Noise and hot pixels come from a stretch in
-    which nothing moves; contrast thresholds from frames on the clock of the events; cutoff and
-    latency from steps of the light at known times, or from the motion between the frames. Each
+    Writes a camera for `eres simulate --sensor`. Noise and hot pixels come from a stretch in which
+    nothing moves; contrast thresholds and dark level from frames on the clock of the events; cutoff
+    and latency from steps of the light at known times, or from the motion between the frames. Each
     number has a 95 % interval; if its end is open, the number is only a bound, which is not
-    simulated.
+    simulated. With frames or a crop, one half is held out: the fitted camera is simulated in its
+    light, and compared with its events.
 
     Parameters
     ----------
     out
-        The profile to write, a TOML file.
+        The camera to write, a TOML file.
+    sensor
+        Camera that the result completes: a name (`eres sensors` lists them), or a TOML file. Its
+        values stay where the recording shows none. By default a plain sensor of the recording's
+        size.
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
     crop
@@ -52,26 +61,29 @@ def fit(
         Also estimate cutoff and latency from frames or crop: how late and how smooth the events
         are, compared with the light along the motion of the image.
     dark
-        Dark level for thresholds and motion, as a share of white: the largest value that the
-        frames' files can store, for floats the 99.9th percentile of the first frame. The printed
-        sweep shows how much the thresholds depend on it.
+        Dark level, as a share of white: the largest value that the frames' files can store, for
+        floats the 99.9th percentile of the first frame. By default the level at which dark and
+        bright pixels fire in the same proportion as in the recording.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
         one per line; or triggers, for the rising edges in the recording, triggers:1 for those on
         channel 1.
+    check
+        Half of the frames or the crop to hold out of the fit and compare with a simulation: second
+        (by default), first, or none, to fit both halves.
     title
-        Name of the sensor; by default that of the recording.
+        Name of the sensor; by default that of --sensor or of the recording.
     format
         Format of the recording, instead of what its extension or header says.
     overwrite
         Replace OUT if it exists.
     """
+    from sensor.cameras import find_camera, plain_camera, write_camera
     from sensor.events import concatenate
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
-    from tasks.fitting.fit import USUAL_DARK, Evidence
+    from tasks.fitting.fit import Evidence
     from tasks.fitting.fit import fit as fit_recording
-    from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
     from tasks.origin import in_text
     from tasks.recording.clock import on_one_clock
@@ -87,8 +99,7 @@ def fit(
             "motion, estimate-shift: found both, expected one of them; an estimated shift would "
             "hide the latency"
         )
-    if dark is not None and frames.frames is None and crop is None:
-        raise TaskError(f"dark: found {dark:g}, expected it only with --frames or --crop")
+    seen = frames.frames is not None or crop is not None
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:
@@ -102,44 +113,86 @@ def fit(
         frames=opened,
         light=None if crop is None else light_of_crop(crop),
         motion=motion,
-        dark_share=USUAL_DARK if dark is None else dark,
+        dark_share=dark,
         rises_us=None if steps is None else read_steps(steps, recording, format),
+        check=check or ("second" if seen else "none"),
     )
     events = concatenate(list(reading.parts(recording, format)))
     if not len(events):
         raise TaskError(f"{recording}: found no events, expected some")
+    size = events.width, events.height
+    known = plain_camera(*size) if sensor is None else find_camera(sensor)
+    if known.width is None:
+        known = known.on(*size)
+    if known.size != size:
+        raise TaskError(
+            f"sensor: {sensor} has {known.width}x{known.height} px, and {recording} "
+            f"{size[0]}x{size[1]} px; give a camera of that size"
+        )
     with progress_bar(terminal.err) as on_progress:
-        found = fit_recording(events, evidence, on_progress)
-    fields = found.fields(in_text(recording.name))
-    write_profile(out, in_text(title or recording.name), fields, overwrite=overwrite)
+        found = fit_recording(events, replace(evidence, camera=known), on_progress)
+    fitted = replace(
+        found.camera(known, in_text(recording.name)),
+        name=in_text(out.stem),
+        title=in_text(title or known.title or recording.name),
+    )
+    write_camera(out, fitted, overwrite=overwrite)
+    _print_tables(found)
+    _print_remarks(found, known, shift_us if crop is None else None)
+    for note in notes:
+        terminal.out.print(note, soft_wrap=True, highlight=False)
+    terminal.out.print(fitted.assumptions(), soft_wrap=True, highlight=False)
+    terminal.out.print(f"{out}: {len(found.values(''))} values", soft_wrap=True)
+
+
+def _print_tables(found: Found) -> None:
+    """Print what was found, the dark levels that were tried, and the held-out half."""
+    from tasks.fitting.check import BLOCKS
+
     table = Table("field", "value", "unit", box=None)
-    for name, (value, unit, _) in fields.items():
+    for name, (value, unit, _, _) in found.values("").items():
         table.add_row(name, str(value), unit)
     terminal.out.print(table, crop=False)
     if found.sweep:
-        sweep = Table("dark level, % of white", "ON, log", "OFF, log", box=None)
-        for one in found.sweep:
-            sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
+        columns = "dark level, % of white", "ON, log", "OFF, log", "spread over brightness, %"
+        sweep = Table(*columns, box=None)
+        for (on, off, dark, *_), uneven in found.sweep:
+            sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
         terminal.out.print(sweep, crop=False)
-    _print_remarks(found, shift_us if crop is None else None)
-    for note in notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(f"{out}: {len(fields)} fields", soft_wrap=True)
+    if (held_out := found.agreement) is not None:
+        start_s, end_s = (1e-6 * one for one in held_out.counted_us)
+        sides = "real", "simulated", "simulated / real"
+        table = Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides, box=None)
+        counts = [(*one, sum(one)) for one in (held_out.real, held_out.simulated)]
+        names = "ON events", "OFF events", "events"
+        for name, real, simulated in zip(names, *counts, strict=True):
+            ratio = f"{simulated / real:.3f}" if real else ""
+            table.add_row(name, str(real), str(simulated), ratio)
+        quartiles = ", ".join(f"{one:.2f}" for one in held_out.quartiles)
+        table.add_row(f"the same in {BLOCKS} x {BLOCKS} blocks, quartiles", "", "", quartiles)
+        real_us, simulated_us = held_out.real_us, held_out.simulated_us
+        ms = f"{1e-3 * real_us:.3g}", f"{1e-3 * simulated_us:.3g}"
+        table.add_row("median inter-event interval, ms", *ms, f"{simulated_us / real_us:.3f}")
+        terminal.out.print(table, crop=False)
 
 
-def _print_remarks(found: Found, shift_us: int | None) -> None:
-    """Print what the fields of the profile do not say; frames were shifted by `shift_us`."""
+def _print_remarks(found: Found, known: EventCamera, shift_us: int | None) -> None:
+    """Print what the values do not say; frames were shifted by `shift_us`."""
     from tasks.recording.motion import NOISY
 
-    if found.thresholds is not None:
-        terminal.out.print(found.sentence(), soft_wrap=True)
-        if found.thresholds.unexplained > NOISY:
-            terminal.out.print(
-                f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of "
-                "the light unexplained, and may be too low by as much: between frames it changes "
-                "more than they show; more frames, or slower motion, help",
-                soft_wrap=True,
-            )
+    if found.dark is not None and found.dark.is_bound:
+        terminal.out.print(
+            f"the events bound the dark level, {found.dark} of white; the thresholds are those at "
+            f"{100 * known.dark_share:g} %",
+            soft_wrap=True,
+        )
+    if found.thresholds is not None and found.thresholds.unexplained > NOISY:
+        terminal.out.print(
+            f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
+            "light unexplained, and may be too low by as much: between frames it changes more than "
+            "they show; more frames, or slower motion, help",
+            soft_wrap=True,
+        )
     if found.motion is not None:
         terminal.out.print(
             f"delay of slow changes: {found.motion.delay_s} s; "

@@ -7,25 +7,28 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
 from sensor import Events
+from sensor.cameras import EventCamera, Source, plain_camera
+from sensor.cameras.camera import Kind
+from sensor.cameras.fields import FIELDS
 from tasks.errors import TaskError
-from tasks.fitting.profile_file import Measured
+from tasks.fitting.check import Agreement, compare
+from tasks.fitting.darkness import DARK_SHARES, Swept, sweep_dark
+from tasks.fitting.parts import Check, parts_of
 from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
+from tasks.numerics.estimate import Estimate
 from tasks.recording.frames import Frames
-from tasks.recording.levels import busiest, every_second, levels_of, light_between
+from tasks.recording.levels import levels_of
 from tasks.recording.motion import MotionResponse, fit_motion, lag
 from tasks.recording.threshold import FittedThresholds, fit_thresholds
-
-USUAL_DARK = 1e-3
-DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
-"""Dark levels of the sweep, shares of white."""
 
 _log = logging.getLogger(__name__)
 
@@ -48,34 +51,39 @@ class Evidence:
     motion
         Whether to estimate cutoff and latency from the motion of the frames or the light.
     dark_share
-        Dark level for thresholds and motion, as a share of white: the largest value that the files
-        of the frames can store, for floats the 99.9th percentile of the first frame.
+        Dark level, as a share of white: the largest value that the files of the frames can store,
+        for floats the 99.9th percentile of the first frame. None to choose it by the numbers of
+        events of dark and bright pixels.
     rises_us
         (S,) times at which the light steps up, on the clock of the events.
+    check
+        Which half of the frames or the light is held out, and compared with a simulation of the
+        camera that is fitted to the other half: "first", "second" or "none".
+    camera
+        What else is known of the camera, with the grid of the recording; None for nothing.
 
     Raises
     ------
     TaskError
-        Nothing is known, frames and light are both given, motion comes without them or with steps,
-        or a number is out of range.
+        Nothing is known, frames and light are both given, motion or check comes without them,
+        motion comes with steps, or a number is out of range.
     """
 
     still_s: tuple[float, float] | None = None
     frames: Frames | None = None
     light: Footage | None = None
     motion: bool = False
-    dark_share: float = USUAL_DARK
+    dark_share: float | None = None
     rises_us: NDArray[np.int64] | None = None
+    check: Check = "none"
+    camera: EventCamera | None = None
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.light is not None:
             raise TaskError("frames, crop: found both, expected one of them")
         seen = self.frames is not None or self.light is not None
         if self.still_s is None and not seen and self.rises_us is None:
-            raise TaskError(
-                "found neither still, frames, crop nor steps, expected one or more of them: what "
-                "to fit"
-            )
+            raise TaskError("nothing to fit: give --still, --frames, --crop or --steps")
         if self.still_s is not None:
             start_s, end_s = self.still_s
             if not (0 <= start_s < end_s and math.isfinite(1e6 * end_s)):
@@ -85,8 +93,35 @@ class Evidence:
                 )
         if self.motion and (not seen or self.rises_us is not None):
             raise TaskError("motion: expected it with frames or a crop, and without steps")
-        if not 0 < self.dark_share < 1:
+        if self.check != "none" and not seen:
+            raise TaskError(f"check: found {self.check}, expected it only with --frames or --crop")
+        if self.dark_share is not None and not seen:
+            raise TaskError(
+                f"dark: found {self.dark_share:g}, expected it only with --frames or --crop"
+            )
+        if self.dark_share is not None and not 0 < self.dark_share < 1:
             raise TaskError(f"dark: found {self.dark_share:g}, expected a share of white in (0, 1)")
+
+
+class Fitted(NamedTuple):
+    """A value of a camera.
+
+    Parameters
+    ----------
+    value
+        An estimate, or what was not estimated, in the unit of the camera's field.
+    unit
+        The unit, in words.
+    source
+        How it was measured.
+    kind
+        Kind of the source.
+    """
+
+    value: Estimate | float | str
+    unit: str
+    source: str
+    kind: Kind = "measured"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,34 +133,30 @@ class Found:
     noise
         From stillness.
     thresholds
-        From frames, at the dark level of the evidence.
+        From frames or light, at their dark level.
+    dark
+        The dark level that the numbers of events show; None if it was given. The thresholds hold
+        at its value, or, if it is only bounded, at the level of the camera.
     sweep
-        The same at other dark levels.
+        The dark levels that were tried.
     response
         From steps of the light.
     motion
         From light in motion.
+    agreement
+        With the half that was held out.
     """
 
     noise: Noise | None = None
     thresholds: FittedThresholds | None = None
-    sweep: tuple[FittedThresholds, ...] = ()
+    dark: Estimate | None = None
+    sweep: tuple[Swept, ...] = ()
     response: Response | None = None
     motion: MotionResponse | None = None
+    agreement: Agreement | None = None
 
-    def sentence(self) -> str:
-        """Return a sentence on how far the thresholds depend on the dark level."""
-        if not self.sweep:
-            return "no other dark level fits, so how far the answer depends on it is not known"
-        on, off = ([getattr(one, sign).value for one in self.sweep] for sign in ("on", "off"))
-        low, high = (100 * end(one.dark for one in self.sweep) for end in (min, max))
-        return (
-            f"the answer depends on the dark level: from {low:g} to {high:g} % of white, ON is "
-            f"{min(on):.2g} to {max(on):.2g} and OFF {min(off):.2g} to {max(off):.2g}"
-        )
-
-    def fields(self, recording: str) -> Mapping[str, Measured]:
-        """Return the fields of a profile.
+    def values(self, recording: str) -> Mapping[str, Fitted]:
+        """Return what was found, by the keys of a camera's file.
 
         Parameters
         ----------
@@ -134,54 +165,94 @@ class Found:
 
         Returns
         -------
-        Measured values by the name of the field.
+        Values by key; an estimate that is only a bound is among them.
         """
-        fields: dict[str, Measured] = {}
+        values: dict[str, Fitted] = {}
+        if self.thresholds is not None:
+            source = f"{recording}: light in motion"
+            at = f"{source}, with a dark level of {100 * self.thresholds.dark:.3g} % of white"
+            values["threshold"] = Fitted(self.thresholds.on, "log", at)
+            values["threshold_off"] = Fitted(self.thresholds.off, "log", at)
+            running = "the recording begins while the camera runs"
+            values["random_start"] = Fitted(True, "", running, "given")
+            if self.dark is None:
+                given = "eres fit --dark; the thresholds hold at this level"
+                values["dark"] = Fitted(self.thresholds.dark, "", given, "given")
+            else:
+                by_counts = f"{source}: events of dark and of bright pixels, in proportion"
+                values["dark"] = Fitted(self.dark, "", by_counts)
         if self.response is not None:
-            source = f"{recording}: {self.response.steps} steps of the light"
-            fields |= _of_filter(self.response, source, "in their light")
+            steps = f"{recording}: {self.response.steps} steps of the light"
+            values |= _of_filter(self.response, steps, "in their light")
         if self.motion is not None:
-            source = f"{recording}: {self.motion.events} events of light in motion"
             clock = "an offset of the frames' clock counts as latency"
             if self.motion.may_be_a_shift:
                 clock = self.motion.shift_sentence()
-            fields |= _of_filter(self.motion, f"{source}; {clock}", "in its light")
-        if self.thresholds is not None:
-            share = 100 * self.thresholds.dark
-            source = f"{recording}: light in motion, with a dark level of {share:g} % of white; "
-            source += self.sentence()
-            fields["threshold_on"] = Measured(self.thresholds.on, "log", source)
-            fields["threshold_off"] = Measured(self.thresholds.off, "log", source)
+            moving = f"{recording}: {self.motion.events} events of light in motion; {clock}"
+            values |= _of_filter(self.motion, moving, "in its light")
         if self.noise is not None:
-            source = f"{recording}: a still stretch, in its light"
-            fields["leak"] = Measured(self.noise.leak_hz, "Hz", f"{source}: surplus of ON events")
-            fields["shot_noise"] = Measured(
-                self.noise.shot_noise_hz, "Hz", f"{source}: twice the OFF events"
+            still = f"{recording}: a still stretch, in its light"
+            values["leak"] = Fitted(self.noise.leak_hz, "Hz", f"{still}: surplus of ON events")
+            values["shot_noise"] = Fitted(
+                self.noise.shot_noise_hz, "Hz", f"{still}: twice the OFF events"
             )
-            fields["shot_noise_exponent"] = Measured(
-                0.0, "1", "0, as the shot noise is that of the light of the recording"
+            values["shot_noise_exponent"] = Fitted(
+                0.0, "", "0, as the shot noise is that of the light of the recording", "given"
             )
-            hot = f"{source}: more than {HOT:g} times the mean of the others, beyond chance"
-            fields["hot_pixels"] = Measured(self.noise.hot_pixels, "1", hot)
+            hot = f"{still}: more than {HOT:g} times the mean of the others, beyond chance"
+            values["hot_pixels"] = Fitted(self.noise.hot_pixels, "", hot)
             if self.noise.hot_pixel_hz is not None:
-                fields["hot_pixel_rate"] = Measured(self.noise.hot_pixel_hz, "Hz", hot)
-        return fields
+                values["hot_pixel_rate"] = Fitted(self.noise.hot_pixel_hz, "Hz", hot)
+        return values
+
+    def camera(self, known: EventCamera, recording: str) -> EventCamera:
+        """Return a camera completed by what was found.
+
+        Parameters
+        ----------
+        known
+            The camera. Its values stay where nothing was found, or only a bound.
+        recording
+            Name of the recording, for the sources.
+
+        Returns
+        -------
+        EventCamera
+            A cutoff that was found holds in the light of the recording, whose illuminance is
+            unknown.
+        """
+        changes: dict[str, Any] = {}
+        sources = dict(known.sources)
+        for key, (value, _, source, kind) in self.values(recording).items():
+            if not isinstance(value, Estimate):
+                changes[FIELDS[key]] = value
+                sources[key] = Source(source, kind)
+                continue
+            number, low, high = (float(f"{one:.6g}") for one in value)
+            if not value.is_bound:
+                changes[FIELDS[key]] = number
+                sources[key] = Source(source, kind, (low, high))
+            elif not known.states(key):
+                sources[key] = Source(source, "bound", (low, high))
+        if "cutoff_hz" in changes:
+            changes["illuminance_lux"] = None
+            sources.pop("illuminance", None)
+        return replace(known, **changes, sources=sources)
 
 
-def _of_filter(found: Response | MotionResponse, source: str, light: str) -> Mapping[str, Measured]:
+def _of_filter(found: Response | MotionResponse, source: str, light: str) -> Mapping[str, Fitted]:
     """Return photoreceptor, cutoff and latency; a bounded filter does not show its poles."""
-    fields: dict[str, Measured] = {}
+    values: dict[str, Fitted] = {}
     if found.photoreceptor is None:
         source += "; one pole fits as well as two"
-    elif not found.cutoff_hz.is_bound:
-        fields["photoreceptor"] = Measured(
-            found.photoreceptor, "", f"{source}; the better of one and two poles"
-        )
-    fields["cutoff"] = Measured(found.cutoff_hz, "Hz", f"{source}; {light}")
-    fields["latency"] = Measured(
+    if not found.cutoff_hz.is_bound:
+        poles = found.photoreceptor or "two_pole"
+        values["photoreceptor"] = Fitted(poles, "", f"{source}; the better of one and two poles")
+    values["cutoff"] = Fitted(found.cutoff_hz, "Hz", f"{source}; {light}")
+    values["latency"] = Fitted(
         found.latency_s, "s", f"{source}; the delay that the poles do not explain"
     )
-    return fields
+    return values
 
 
 def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> Found:
@@ -226,42 +297,55 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
                 alike,
             )
     found = Found(noise=noise)
-    if evidence.frames is not None or evidence.light is not None:
-        found = _in_motion(events, evidence, found, on_progress)
     if evidence.rises_us is not None:
         found = replace(found, response=fit_response(events, evidence.rises_us))
         on_progress("fitting", 1, 1)
-    return found
+    seen = evidence.light if evidence.frames is None else evidence.frames
+    return found if seen is None else _in_motion(events, seen, evidence, found, on_progress)
 
 
-def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Progress) -> Found:
-    """Add the thresholds and, on request, cutoff and latency from motion."""
-    exposure_us = 0.0
-    if evidence.frames is not None:
-        frames = busiest([events], evidence.frames)
-        lights = [light_between(one) for one in (frames, frames.every_second())]
-        exposure_us = float(np.max(frames.end_us - frames.start_us))
-    else:
-        assert evidence.light is not None
-        lights = [evidence.light, every_second(evidence.light)]
+def _in_motion(
+    events: Events,
+    seen: Frames | Footage,
+    evidence: Evidence,
+    found: Found,
+    on_progress: Progress,
+) -> Found:
+    """Add dark level, thresholds and, on request, cutoff and latency from motion; check them."""
+    known = evidence.camera or plain_camera(events.width, events.height)
+    part, held_out = parts_of(events, seen, evidence.check)
     hot = None if found.noise is None else found.noise.hot
-    most = len(DARK_SHARES) + 3
-    pair = []
-    for k, light in enumerate(lights, start=1):
-        pair.append(levels_of(events, light, evidence.dark_share, hot))
-        on_progress("following the light", k, most)
-    levels, coarse = pair
+    share = known.dark_share if evidence.dark_share is None else evidence.dark_share
+    levels, coarse = (levels_of(events, light, share, hot) for light in (part.light, part.coarse))
+    dark: Estimate | None = None
+    sweep: tuple[Swept, ...] = ()
+    ends: list[float] = []
+    if evidence.dark_share is None:
+        noisy = found.camera(known, "")
+        dark, sweep = sweep_dark(events, part, levels, coarse, noisy, on_progress)
+        ends = np.clip(dark[1:], DARK_SHARES[0], DARK_SHARES[-1]).tolist()
+        if not dark.is_bound:
+            levels, coarse = (one.at_dark(dark.value) for one in (levels, coarse))
     motion = None
     if evidence.motion:
-        motion = fit_motion(levels, coarse, exposure_us)
+        motion = fit_motion(levels, coarse, part.exposure_us)
         late = 1e6 * motion.latency_s.value, motion.pole_s, motion.poles
     else:
         late = lag(levels)
-    on_progress("fitting", 3, most)
     thresholds = fit_thresholds(levels, coarse, *late)
-    sweep = []
-    for k, share in enumerate(DARK_SHARES, start=4):
-        with suppress(TaskError):  # nobody asked for this level; the others are printed
-            sweep.append(fit_thresholds(levels.at_dark(share), coarse.at_dark(share), *late))
-        on_progress("fitting", k, most)
-    return replace(found, thresholds=thresholds, sweep=tuple(sweep), motion=motion)
+    for end in ends:
+        with suppress(TaskError):  # the events do not fit the light at the end of the interval
+            other = fit_thresholds(levels.at_dark(end), coarse.at_dark(end), *late)
+            thresholds = thresholds._replace(
+                on=_covering(thresholds.on, other.on), off=_covering(thresholds.off, other.off)
+            )
+    found = replace(found, thresholds=thresholds, dark=dark, sweep=sweep, motion=motion)
+    if held_out is None:
+        return found
+    agreement = compare(events, held_out, found.camera(known, ""), on_progress)
+    return replace(found, agreement=agreement)
+
+
+def _covering(one: Estimate, other: Estimate) -> Estimate:
+    """Return an estimate whose interval includes that of another."""
+    return Estimate(one.value, min(one.low, other.low), max(one.high, other.high))

@@ -1,4 +1,4 @@
-"""docs/quick_start.md, sensors.md, cameras.md, live.md, learning.md and dataset.md: all steps run.
+"""The pages quick_start, sensors, cameras, fit, live, learning and dataset: all steps run.
 
 They run from top to bottom."""
 
@@ -68,6 +68,13 @@ def test_the_page_of_cameras_prints_what_it_shows(tmp_path):
     if select_variant().startswith("scalar"):
         pytest.skip("scalar variants render pinholes only")
     follow("cameras.md", tmp_path)
+
+
+def test_the_page_of_fitted_cameras_prints_what_it_shows(tmp_path):
+    """Promise: the fitted camera simulates as many events as the recording has."""
+    follow("fit.md", tmp_path)
+    real, again = (load_events(tmp_path / f"{name}.h5") for name in ("recording", "again"))
+    assert len(again) == pytest.approx(len(real.between(0, 396_000)), rel=0.02)
 
 
 def test_the_page_of_live_cameras_prints_what_it_shows(tmp_path):

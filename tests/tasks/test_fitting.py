@@ -16,20 +16,21 @@ from scipy.integrate import solve_ivp
 
 from moving_texture import texture_in_motion
 from sensor import EventFormatError, Events, SensorModel, simulate
-from sensor.formats import Triggers, write_events
-from sensor.profiles import read_profile
-from sensor.profiles.quantities import QUANTITIES
+from sensor.cameras import EventCamera, find_camera, plain_camera, read_camera, write_camera
+from sensor.events import concatenate
+from sensor.formats import Triggers, read_events, write_events
 from tasks.errors import TaskError
+from tasks.fitting.check import compare
 from tasks.fitting.fit import Evidence, Found
 from tasks.fitting.fit import fit as fit_recording
-from tasks.fitting.profile_file import Measured, write_profile
+from tasks.fitting.parts import parts_of
 from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
-from tasks.fitting.stillness import counts, fit_noise, neighbors_together
+from tasks.fitting.stillness import Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.numerics.estimate import Estimate, bootstrap, poisson_rate, share
 from tasks.recording.frames import open_frames
-from tasks.recording.levels import Levels, levels_of
+from tasks.recording.levels import Levels, busiest, levels_of
 from tasks.recording.line import best_delay_us, fit_line, solved
 from tasks.recording.motion import fit_motion, lag
 from tasks.recording.threshold import fit_thresholds
@@ -95,14 +96,12 @@ def test_a_stretch_that_is_not_still_is_said(caplog):
     assert "still: events of neighboring pixels are correlated" in caplog.text
 
 
-def test_a_fitted_profile_has_the_noise_of_the_recording(tmp_path):
-    """Promise: a sensor with the profile fires as much noise in the same light."""
+def test_a_fitted_camera_has_the_noise_of_the_recording():
+    """Promise: the camera fires as much noise in the same light."""
     events, seconds = still(shot_noise_hz=4.0)  # 2 Hz in this light
     found = fit_recording(events, Evidence(still_s=(0.0, seconds - 0.01)))
-    write_profile(tmp_path / "p.toml", "x", found.fields("rec.h5"))
-    plain = SensorModel(width=WIDTH, height=HEIGHT, dark_level=1.0)
-    model = read_profile(tmp_path / "p.toml").applied_to(plain)
-    again = simulate(np.full((2, HEIGHT, WIDTH), 3.0), [0.0, seconds], model, seed=9)
+    camera = replace(found.camera(plain_camera(WIDTH, HEIGHT), "rec.h5"), dark_share=1.0)
+    again = camera.simulate(np.full((2, HEIGHT, WIDTH), 3.0), [0.0, seconds], white=1.0, seed=9)
     assert len(again) == pytest.approx(len(events), rel=0.02)
 
 
@@ -497,7 +496,7 @@ def frames_of(folder, step):
 
 
 def test_dark_levels_that_nobody_asked_for_may_not_fit(tmp_path, monkeypatch):
-    """Promise: the fit at the given dark level stands; the sweep has the levels that fit too."""
+    """Promise: the sweep has the levels that fit."""
     real, asked = fit_thresholds, []
 
     def refusing_some(levels, *given):
@@ -506,44 +505,196 @@ def test_dark_levels_that_nobody_asked_for_may_not_fit(tmp_path, monkeypatch):
             raise TaskError("changes of the light that do not fit")
         return real(levels, *given)
 
-    monkeypatch.setattr("tasks.fitting.fit.fit_thresholds", refusing_some)
+    monkeypatch.setattr("tasks.fitting.darkness.fit_thresholds", refusing_some)
     frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
-    found = fit_recording(moving(0.2, 0.25, 1e-2), Evidence(frames=frames, dark_share=1e-2))
+    found = fit_recording(recorded(dark_share=1e-2), Evidence(frames=frames))
     inside(found.thresholds.on, 0.2)
-    assert len(found.sweep) == len(asked) - 3 > 2
-    assert "no other dark level fits" in replace(found, sweep=()).sentence()
+    assert len(found.sweep) == len(asked) - 2 > 2
 
 
-def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
-    """Promise: RECORDING in, a profile with intervals and sources out, and a sentence about the
-    dark level; frames may be several pixels of motion apart."""
+def recorded(still_s=0.0, **changes):
+    """Return what a camera records of the texture, and then of a still image."""
+    light, t_s = texture()
+    white = float(np.percentile(light[0], 99.9))
+    if still_s:
+        light, t_s = np.concatenate([light, light[-1:]]), np.append(t_s, t_s[-1] + still_s)
+    usual = {"contrast_threshold": 0.2, "contrast_threshold_off": 0.25, "random_start": True}
+    camera = replace(plain_camera(WIDTH, HEIGHT), **usual | changes)
+    return camera.simulate(light, t_s, white=white, seed=1)
+
+
+@pytest.mark.parametrize("dark", [5e-3, 1e-1])
+def test_all_parameters_come_back_in_their_intervals(eres, tmp_path, dark):
+    """Promise: thresholds, cutoff, latency, dark level and noise of a simulated camera, none of
+    which is given, lie in the intervals of the file."""
+    truth = {
+        "contrast_threshold": 0.3,
+        "contrast_threshold_off": 0.24,
+        "dark_share": dark,
+        "cutoff_hz": 100.0,
+        "latency_s": 1e-3,
+        "leak_hz": 0.5,
+        "shot_noise_hz": 1.0,
+        "shot_noise_exponent": 0.0,
+    }
+    events = recorded(12.0, threshold_mismatch=0.01, **truth)
+    write_events(tmp_path / "recording.h5", events)
+    folder, out = frames_of(tmp_path / "frames", 2), tmp_path / "mine.toml"
+    code, _, err = eres(
+        *("fit", tmp_path / "recording.h5", "--out", out, "--frames", folder, "--motion"),
+        *("--still", "8.4", "12.3", "--check", "none"),
+    )
+    assert (code, err) == (0, "")
+    camera = read_camera(out)
+    for key, field in (
+        *(("threshold", "contrast_threshold"), ("threshold_off", "contrast_threshold_off")),
+        *(("dark", "dark_share"), ("cutoff", "cutoff_hz"), ("latency", "latency_s")),
+        *(("leak", "leak_hz"), ("shot_noise", "shot_noise_hz")),
+    ):
+        source = camera.sources[key]
+        assert source.kind == "measured", key
+        assert source.interval[0] < truth[field] < source.interval[1], (key, source)
+        assert source.interval[0] < getattr(camera, field) < source.interval[1]
+    assert camera.photoreceptor == "two_pole"
+
+
+@pytest.mark.parametrize("option", [(), ("--dark", 1e-2)])
+def test_a_fitted_camera_gives_the_counts_back(eres, tmp_path, option):
+    """Promise: fit, then simulate with the file alone: the numbers of events at a dark level of 1 %
+    of white are those of the recording, with the level given or found."""
+    events = recorded(dark_share=1e-2)
+    write_events(tmp_path / "recording.h5", events)
+    folder, out = frames_of(tmp_path / "frames", 1), tmp_path / "mine.toml"
+    arguments = "fit", tmp_path / "recording.h5", "--out", out, "--frames", folder, *option
+    code, printed, err = eres(*arguments)
+    assert (code, err) == (0, "")
+    for row in ("ON events", "OFF events", "events"):
+        ratio = re.search(rf"^ *{row} +\d+ +\d+ +([.\d]+)$", printed, re.MULTILINE)[1]
+        assert float(ratio) == pytest.approx(1, abs=0.04), row
+    simulated = tmp_path / "again.npz"
+    code, printed, err = eres("simulate", folder, "--fps", 500, "--sensor", out, "--out", simulated)
+    assert (code, err) == (0, "")
+    again = concatenate(list(read_events(simulated)))
+    for p in (-1, 1):
+        assert np.sum(again.p == p) == pytest.approx(np.sum(events.p == p), rel=0.04)
+
+
+@pytest.mark.parametrize("check", ["first", "second"])
+def test_the_held_out_half_chooses_nothing(tmp_path, check):
+    """Promise: the fit is that of a recording which ends, or begins, at the middle frame."""
+    events = recorded(dark_share=2e-2, cutoff_hz=100.0)
+    frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
+    frames = busiest([events], frames)
+    found = fit_recording(events, Evidence(frames=frames, check=check))
+    middle = (len(frames) - 1) // 2
+    numbers = np.arange(middle + 1) if check == "second" else np.arange(middle, len(frames))
+    own = frames.some(numbers)
+    start_us, end_us = own.middle_us[[0, -1]].tolist()
+    near = events.between(start_us - 1000, end_us + 1000)
+    alone = fit_recording(near, Evidence(frames=own))
+    assert replace(found, agreement=None) == alone
+    counted = found.agreement.counted_us
+    assert (counted[0] >= end_us) if check == "second" else (counted[1] <= start_us)
+
+
+def test_a_camera_is_compared_in_its_own_light(tmp_path):
+    """Promise: the camera that recorded agrees with its recording in every row; one with twice the
+    thresholds has less than half of the events, at longer intervals."""
+    dark = {"dark_share": 1e-2}
+    events = recorded(**dark)
+    frames = open_frames(frames_of(tmp_path / "frames", 2), encoding="linear")
+    _, held_out = parts_of(events, frames, "second")
+    camera = replace(
+        plain_camera(WIDTH, HEIGHT), contrast_threshold=0.2, contrast_threshold_off=0.25, **dark
+    )
+    found = compare(events, held_out, camera)
+    counted = events.between(*found.counted_us)
+    assert found.real == (np.sum(counted.p > 0), np.sum(counted.p < 0))
+    np.testing.assert_allclose(found.simulated, found.real, rtol=0.02)
+    np.testing.assert_allclose(found.quartiles, 1, atol=0.03)
+    assert found.simulated_us == pytest.approx(found.real_us, rel=0.03)
+    coarse = replace(camera, contrast_threshold=0.4, contrast_threshold_off=0.5)
+    found = compare(events, held_out, coarse)
+    assert np.all(np.array(found.simulated) < 0.5 * np.array(found.real))
+    assert found.simulated_us > 1.5 * found.real_us
+
+
+def test_a_dark_level_that_is_only_bounded_is_the_cameras(tmp_path):
+    """Promise: where the dimmest light is 20 times the dark level, it is bounded; the thresholds
+    hold at the level of the camera, which keeps it."""
+    frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
+    known = replace(plain_camera(WIDTH, HEIGHT), dark_share=2e-3)
+    found = fit_recording(recorded(dark_share=1e-3), Evidence(frames=frames, camera=known))
+    assert found.dark.is_bound
+    assert found.thresholds.dark == 2e-3
+    camera = found.camera(known, "rec.h5")
+    assert camera.dark_share == 2e-3
+    inside(found.dark, 1e-3)
+    inside(found.thresholds.on, 0.2)
+
+
+def test_the_command_completes_a_camera(eres, tmp_path):
+    """Promise: the values of --sensor stay where the recording shows none; what was measured
+    replaces them, and with the cutoff goes the light in which the old one held; frames may be
+    several pixels of motion apart."""
     events = moving(0.2, 0.25, 1e-2, cutoff_hz=100.0, latency_s=1e-3)
     write_events(tmp_path / "recording.h5", events)
     folder = frames_of(tmp_path / "frames", 6)
+    base = replace(find_camera("dvs128"), width=WIDTH, height=HEIGHT, refractory_s=1e-6)
+    write_camera(tmp_path / "base.toml", base)
     out = tmp_path / "mine.toml"
     code, printed, err = eres(
         *("fit", tmp_path / "recording.h5", "--out", out, "--frames", folder, "--motion"),
         *("--dark", 1e-2, "--still", "0", "0.1", "--title", "My camera"),
+        *("--sensor", tmp_path / "base.toml"),
     )
     assert (code, err) == (0, "")
-    assert "the answer depends on the dark level: from 0.03 to 10 % of white, ON is" in printed
     assert "delay of slow changes: 0.004" in printed
-    profile = read_profile(out)
-    assert profile.title == "My camera"
-    for name, truth in (("threshold_on", 0.2), ("threshold_off", 0.25), ("cutoff", 100.0)):
-        low, high = profile.known[name].interval
+    camera = read_camera(out)
+    assert (camera.title, camera.pitch_um, camera.refractory_s) == ("My camera", 40, 1e-6)
+    assert camera.illuminance_lux is None
+    assert camera.dark_share == 1e-2
+    assert camera.sources["dark"].kind == "given"
+    for name, truth in (("threshold", 0.2), ("threshold_off", 0.25), ("cutoff", 100.0)):
+        low, high = camera.sources[name].interval
         assert low < truth < high, name
-    assert (
-        "recording.h5: light in motion, with a dark level of 1 % "
-        in profile.known["threshold_on"].source
-    )
-    model = profile.applied_to(SensorModel(width=4, height=4))
-    assert model.off_threshold > model.contrast_threshold
+    at = "recording.h5: light in motion, with a dark level of 1 % of white"
+    assert camera.sources["threshold"].text == at
     code, _, err = eres("fit", tmp_path / "recording.h5", "--out", out, "--still", "0", "0.1")
     assert (code, "exists already" in err) == (1, True)
-    still = "--still", "0", "0.1", "--dark", 1e-2
-    code, _, err = eres("fit", tmp_path / "recording.h5", "--out", tmp_path / "other.toml", *still)
-    assert (code, "dark: found 0.01, expected it only with --frames or" in err) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--dark", 1e-2), "dark: found 0.01, expected it only with --frames or --crop"),
+        (("--check", "first"), "check: found first, expected it only with --frames or --crop"),
+        (("--sensor", "davis346"), "sensor: davis346 has 346x260 px, and .*recording.h5 80x60 px"),
+    ],
+)
+def test_options_that_do_not_fit_the_recording_are_refused(eres, tmp_path, options, text):
+    """Promise: one line, and no file."""
+    write_events(tmp_path / "recording.h5", moving(0.2, 0.2, 1e-2)[:999])
+    arguments = "fit", tmp_path / "recording.h5", "--out", tmp_path / "mine.toml"
+    code, _, err = eres(*arguments, "--still", "0", "0.001", *options)
+    assert (code, err.count("\n")) == (1, 1)
+    assert re.search(text, err)
+    assert not (tmp_path / "mine.toml").exists()
+
+
+def test_four_frames_have_no_halves(tmp_path):
+    """Promise: the error says how many there are, and which option fits all of them."""
+    frames = open_frames(frames_of(tmp_path / "frames", 50), encoding="linear")
+    with pytest.raises(TaskError, match=r"^check: found 4 frames .* --check none fits all of them"):
+        fit_recording(moving(0.2, 0.2, 1e-2), Evidence(frames=frames, check="second"))
+
+
+def test_too_few_events_do_not_choose_a_dark_level(tmp_path):
+    events = recorded(dark_share=1e-2)
+    few = events.where((events.x < 2) & (events.y < 2))
+    frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
+    with pytest.raises(TaskError, match=r"dark: found \d+ events to choose it by, .* --dark"):
+        fit_recording(few, Evidence(frames=frames))
 
 
 def test_a_shift_of_the_clock_is_not_a_filter(eres, tmp_path):
@@ -562,45 +713,42 @@ def test_a_shift_of_the_clock_is_not_a_filter(eres, tmp_path):
     assert re.search(r"cutoff +at least \d+", printed)
     shift = re.search("(a shift of .* filter): .*(--frames-shift-us) (\\d+)", printed)
     assert int(shift[3]) == pytest.approx(3000, abs=100)
-    profile = read_profile(tmp_path / "mine.toml")
-    assert {"cutoff", "latency", "photoreceptor"} < {*profile.unknown}
-    assert all(shift[1] in profile.bounds[name].source for name in ("cutoff", "latency"))
-    assert profile.applied_to(SensorModel(width=4, height=4)).cutoff_hz == math.inf
+    camera = read_camera(tmp_path / "mine.toml")
+    bounds = [camera.sources[name] for name in ("cutoff", "latency")]
+    assert all(shift[1] in one.text and one.kind == "bound" for one in bounds)
+    assert "photoreceptor" not in camera.sources
+    assert (camera.cutoff_hz, camera.latency_s) == (math.inf, 0)
     _, printed, _ = eres(*given, *shift.groups()[1:], "--out", tmp_path / "again.toml")
     assert "delay of slow changes: at most " in printed
     assert "a shift of" not in printed
 
 
-def test_a_profile_of_everything_can_be_read_again(tmp_path):
-    events, rises_us = flashes(200.0, 2e-4)
-    found = fit_recording(events, Evidence(rises_us=rises_us, still_s=(0.0, 0.001)))
-    write_profile(tmp_path / "p.toml", 'a "b"\\', found.fields("rec.h5"))
-    profile = read_profile(tmp_path / "p.toml")
-    assert profile.title == 'a "b"\\'
-    assert profile.known["photoreceptor"].value == "two_pole"
-    assert profile.known["shot_noise_exponent"].interval is None
-    assert profile.known["cutoff"].interval[0] < 200 < profile.known["cutoff"].interval[1]
-
-
 @pytest.mark.parametrize("ends", [(0.0, 0.02), (25.0, math.inf)])
 def test_a_bound_is_not_a_value(ends, tmp_path, eres):
-    """Promise: whatever the quantity, an estimate whose interval is open at one end is written and
-    listed as a bound, and no sensor is made of it."""
-    fields = {
-        name: Measured(Estimate(1.0, *ends), next(iter(one.units)), "rec.h5")
-        for name, one in QUANTITIES.items()
-    }
-    write_profile(tmp_path / "mine.toml", "mine", fields)
-    profile = read_profile(tmp_path / "mine.toml")
-    assert profile.known == {}
-    assert {name: one.interval for name, one in profile.bounds.items()} == dict.fromkeys(
-        QUANTITIES, ends
-    )
-    plain = SensorModel(width=4, height=4, leak_hz=0.3)
-    assert profile.applied_to(plain) == plain
+    """Promise: an estimate whose interval is open at one end is written and listed as a bound; a
+    value that the camera states stays."""
+    bound = Estimate(1.0, *ends)
+    noise = Noise(bound, bound, bound, bound, np.zeros((4, 4), np.bool_))
+    known = EventCamera(leak_hz=0.3)
+    write_camera(tmp_path / "mine.toml", Found(noise=noise).camera(known, 'a "b"\\'))
+    camera = read_camera(tmp_path / "mine.toml")
+    assert replace(camera, name="", shot_noise_exponent=0.5) == known
+    bounds = {key: one.interval for key, one in camera.sources.items() if one.kind == "bound"}
+    assert bounds == dict.fromkeys(["shot_noise", "hot_pixels", "hot_pixel_rate"], ends)
     _, listed, _ = eres("sensors", tmp_path / "mine.toml")
     rows = re.findall(r"^ *(\w+) .* {:g} to {:g} +bound ".format(*ends), listed, re.MULTILINE)
-    assert {*rows} == {*QUANTITIES} - {"threshold_on"} | {"threshold"}
+    assert {*rows} == {*bounds}
+
+
+def test_steps_and_stillness_are_in_the_camera(tmp_path):
+    events, rises_us = flashes(200.0, 2e-4)
+    found = fit_recording(events, Evidence(rises_us=rises_us, still_s=(0.0, 0.001)))
+    write_camera(tmp_path / "p.toml", found.camera(plain_camera(24), "rec.h5"))
+    camera = read_camera(tmp_path / "p.toml")
+    assert camera.photoreceptor == "two_pole"
+    assert camera.sources["shot_noise_exponent"].interval is None
+    assert camera.sources["cutoff"].interval[0] < 200 < camera.sources["cutoff"].interval[1]
+    assert "threshold" not in camera.sources
 
 
 EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, height=4)
@@ -609,11 +757,13 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
 @pytest.mark.parametrize(
     ("evidence", "text"),
     [
-        ({}, "found neither still, frames, crop nor steps"),
+        ({}, "nothing to fit: give --still, --frames, --crop or --steps"),
         ({"still_s": (1.0, 0.5)}, "still: found 1 to 0.5 s, expected a start"),
         ({"still_s": (0.0, math.inf)}, "still: found 0 to inf s, expected .* a later, finite end"),
         ({"still_s": (-1.0, 0.5)}, "still: found -1 to 0.5 s"),
-        ({"still_s": (0.0, 1.0), "dark_share": 0.0}, "dark: found 0, expected a share"),
+        ({"light": "light", "dark_share": 0.0}, "dark: found 0, expected a share"),
+        ({"still_s": (0.0, 1.0), "dark_share": 0.1}, "dark: found 0.1, expected it only with --f"),
+        ({"still_s": (0.0, 1.0), "check": "first"}, "check: found first, expected it only with"),
         ({"still_s": (0.0, 1.0), "motion": True}, "motion: expected it with frames or a crop"),
         ({"frames": "frames", "light": "light"}, "frames, crop: found both, expected one of them"),
         ({"still_s": (0.0, 1.0)}, "without events"),
@@ -625,8 +775,8 @@ def test_impossible_evidence_is_refused(evidence, text):
         fit_recording(EMPTY, Evidence(**evidence))
 
 
-def test_a_recording_whose_name_is_not_utf_8_has_a_profile(eres, tmp_path):
-    """Promise: the profile has the name with U+FFFD, and the output escapes it."""
+def test_a_recording_whose_name_is_not_utf_8_has_a_camera(eres, tmp_path):
+    """Promise: the camera has the name with U+FFFD, and the output escapes it."""
     events, _ = still(shot_noise_hz=4.0)
     file = tmp_path / os.fsdecode(b"caf\xe9.npz")
     write_events(file, events)
@@ -634,19 +784,13 @@ def test_a_recording_whose_name_is_not_utf_8_has_a_profile(eres, tmp_path):
     code, printed, err = eres("fit", file, "--out", out, "--still", "0", "1")
     assert (code, err) == (0, "")
     assert "caf\\udce9.toml: " in printed
-    profile = read_profile(out)
-    assert profile.title == "caf\N{REPLACEMENT CHARACTER}.npz"
-    assert profile.known["shot_noise"].source.startswith(f"{profile.title}: a still stretch")
-
-
-def test_a_profile_may_be_named_with_a_control_character(tmp_path):
-    """Promise: TOML forbids U+007F as it is; the title is read as it was written."""
-    write_profile(tmp_path / "mine.toml", "a\x7fb", {})
-    assert read_profile(tmp_path / "mine.toml").title == "a\x7fb"
+    camera = read_camera(out)
+    assert camera.title == "caf\N{REPLACEMENT CHARACTER}.npz"
+    assert camera.sources["shot_noise"].text.startswith(f"{camera.title}: a still stretch")
 
 
 def test_a_recording_without_events_is_named(eres, tmp_path):
-    """Promise: one line with the file, and no profile."""
+    """Promise: one line with the file, and no camera."""
     file, out = tmp_path / "empty.h5", tmp_path / "mine.toml"
     write_events(file, EMPTY)
     code, _, err = eres("fit", file, "--out", out, "--still", "0", "1")
@@ -713,4 +857,4 @@ def test_a_longer_stretch_narrows_the_interval(count, times):
 
 
 def test_nothing_asked_nothing_found():
-    assert Found().fields("x") == {}
+    assert Found().values("x") == {}

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
-from sensor import Events, SensorModel, read_camera
+from sensor import Events, SensorModel
+from sensor.cameras import read_camera
 from sensor.formats import load_events, write_events
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
@@ -209,24 +210,23 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
 @pytest.mark.slow
 def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, eres):
     """Promise: views of the page from the solved poses are light in known motion: the sensor's
-    cutoff and its latency of 0 are within the profile's bounds, which are no more than bounds as
+    cutoff and its latency of 0 are within the camera's bounds, which are no more than bounds as
     12 % of the change of the light stays unexplained."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
-    profile = tmp_path / "fitted.toml"
-    command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", profile
+    fitted = tmp_path / "fitted.toml"
+    command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", fitted
     code, _, err = eres(*command)
     assert (code, err) == (0, "")
-    fitted = read_camera(profile).sources
-    low, high = fitted["cutoff"].interval
+    camera = read_camera(fitted)
+    low, high = camera.sources["cutoff"].interval
     assert CUTOFF_HZ / 3 < low < CUTOFF_HZ < high
-    low, high = fitted["latency"].interval
+    low, high = camera.sources["latency"].interval
     assert low == 0
     assert high < 2 / (math.pi * CUTOFF_HZ)
-    camera = read_camera(profile)
-    for C in (camera.contrast_threshold, camera.contrast_threshold_off):
-        assert pytest.approx(0.2, rel=0.15) == C
+    assert camera.contrast_threshold == pytest.approx(0.2, rel=0.15)
+    assert camera.contrast_threshold_off == pytest.approx(0.2, rel=0.15)
 
 
 def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):

@@ -1,0 +1,174 @@
+"""The dark level, from the numbers of events of dark and of bright pixels.
+
+At any dark level, thresholds follow that give about the right number of events in total. But a
+level that is too low makes dark pixels fire too often, and one that is too high too rarely. At the
+right level a simulation has the same share of the real events in pixels of every brightness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from sensor import Events, stream_bank
+from sensor.cameras import EventCamera
+from tasks.errors import TaskError
+from tasks.fitting.parts import Part
+from tasks.numerics.estimate import Estimate, bootstrap, tiles_of
+from tasks.recording.levels import Levels
+from tasks.recording.motion import lag
+from tasks.recording.threshold import FittedThresholds, fit_thresholds
+
+Float64 = NDArray[np.float64]
+
+DARK_SHARES: tuple[float, ...] = tuple(float(f"{one:.2g}") for one in np.geomspace(3e-4, 0.3, 13))
+"""Dark levels of the sweep, shares of white."""
+
+_CLASSES = 8  # of pixels by their brightness, with as many real events each
+_LEAST = 400  # events
+_LIGHT = 0.3  # log units: effect of errors of the light between frames, in simulations
+
+
+class Swept(NamedTuple):
+    """A dark level that was tried.
+
+    Parameters
+    ----------
+    thresholds
+        At this level.
+    uneven
+        Standard deviation of ln(simulated / real events) over the classes of brightness.
+    """
+
+    thresholds: FittedThresholds
+    uneven: float
+
+
+def sweep_dark(
+    events: Events,
+    part: Part,
+    levels: Levels,
+    coarse: Levels,
+    camera: EventCamera,
+    on_progress: Progress = silent,
+) -> tuple[Estimate, tuple[Swept, ...]]:
+    """Choose the dark level at which dark and bright pixels fire in the right proportion.
+
+    At each level of a sweep thresholds are fitted, and the camera is simulated in the light. The
+    choice is the level at which the ratio of simulated to real events varies least between eight
+    classes of brightness. The mean of the ratio does not count. The interval is that of a bootstrap
+    over tiles, widened by a factor of 1.35 for errors of the light.
+
+    Parameters
+    ----------
+    events, part
+        The recording, and the light of the part that is fitted.
+    levels, coarse
+        Its events with their light.
+    camera
+        What else is known of the camera, with the grid of the recording.
+    on_progress
+        Called after each frame of the light.
+
+    Returns
+    -------
+    The level, a share of white, with an open end if it may be beyond the sweep; and the sweep.
+
+    Raises
+    ------
+    TaskError
+        No level fits, or there are too few events.
+    """
+    late = lag(levels)
+    fits = []
+    for share in DARK_SHARES:
+        with suppress(TaskError):  # nobody asked for this level
+            fits.append(fit_thresholds(levels.at_dark(share), coarse.at_dark(share), *late))
+    if not fits:
+        fit_thresholds(levels, coarse, *late)  # whose error says why
+    pixels = events.height * events.width
+    counts = np.zeros((1 + len(fits), pixels), np.int64)
+    start_us, end_us = part.counted_us
+
+    def count(k: int, found: Events) -> None:
+        place = found.y.astype(np.int64) * found.width + found.x
+        counts[k] += np.bincount(place, minlength=pixels)
+
+    count(0, events.between(start_us, end_us))
+    if (total := int(counts[0].sum())) < _LEAST:
+        raise TaskError(
+            f"dark: found {total} events to choose it by, expected {_LEAST} or more; give it with "
+            "--dark"
+        )
+    brightness = np.zeros(pixels)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for k, frame in enumerate(part.light, start=1):
+            brightness[:] += frame.ravel()
+            on_progress("choosing the dark level", k, len(part.light))
+            yield frame
+
+    models = [_behind(camera, one, *late).model() for one in fits]
+    offset_us = part.light.t_offset_us
+    for k, found in stream_bank(frames(), part.light.t_s, models):
+        count(k + 1, found.between(start_us - offset_us, end_us - offset_us))
+    order = np.argsort(brightness, kind="stable")
+    until = np.cumsum(counts[0][order])
+    of_class = np.empty(pixels, np.int64)
+    of_class[order] = np.minimum(_CLASSES * until // total, _CLASSES - 1)
+    every = np.arange(pixels)
+    tile = tiles_of(every // events.width, every % events.width, events.width)
+    tiles = int(tile.max()) + 1
+    cell, size = tile * _CLASSES + of_class, tiles * _CLASSES
+    sums = np.stack([np.bincount(cell, one, size).reshape(tiles, _CLASSES) for one in counts], 1)
+    logs = np.log([one.dark for one in fits])
+
+    def best(total: Float64) -> Float64:
+        return np.array([_lowest(logs, np.square(_uneven(total)))])
+
+    (level,) = bootstrap(sums.reshape(tiles, -1).astype(np.float64), best)
+    chosen = Estimate(
+        math.exp(level.value),
+        0.0 if level.low <= logs[0] else math.exp(level.low - _LIGHT),
+        math.inf if level.high >= logs[-1] else math.exp(level.high + _LIGHT),
+    )
+    uneven = _uneven(sums.sum(axis=0).ravel().astype(np.float64))
+    return chosen, tuple(map(Swept, fits, uneven.tolist()))
+
+
+def _behind(
+    camera: EventCamera, found: FittedThresholds, late_us: float, pole_s: float, poles: int
+) -> EventCamera:
+    """Return a camera with thresholds behind the filter with which they were fitted."""
+    return replace(
+        camera,
+        contrast_threshold=found.on.value,
+        contrast_threshold_off=found.off.value,
+        photoreceptor="one_pole" if poles == 1 else "two_pole",
+        cutoff_hz=1 / (2 * math.pi * pole_s) if pole_s > 1e-9 else math.inf,
+        latency_s=max(0.0, 1e-6 * late_us),
+        dark_share=found.dark,
+        random_start=True,
+    )
+
+
+def _uneven(total: Float64) -> Float64:
+    """Return (G,) standard deviations over the classes, from (1 + G) x classes numbers."""
+    real, *others = total.reshape(-1, _CLASSES)
+    return np.std(np.log((np.array(others) + 1) / (real + 1)), axis=1)
+
+
+def _lowest(x: Float64, y: Float64) -> float:
+    """Return where a parabola through the lowest point and its neighbors is lowest."""
+    k = int(np.argmin(y))
+    if not 0 < k < len(x) - 1:
+        return float(x[k])
+    a, b, _ = np.polyfit(x[k - 1 : k + 2] - x[k], y[k - 1 : k + 2], 2)
+    return float(x[k] - b / (2 * a))

@@ -1,0 +1,98 @@
+"""`Part`: the light of one half of a recording, or of all of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from sensor import Events
+from tasks.errors import TaskError
+from tasks.footage import Footage
+from tasks.recording.frames import Frames
+from tasks.recording.levels import SETTLING, busiest, every_second, light_between
+
+Check = Literal["second", "first", "none"]
+"""The half that is held out."""
+
+_LEAST = 5  # frames: three of each half, the middle one in both
+
+
+class Part(NamedTuple):
+    """Light of a part of a recording.
+
+    Parameters
+    ----------
+    light
+        The light, at times between which the image moves by half a pixel at most.
+    coarse
+        The same from every second frame.
+    counted_us
+        (2,) start and end of the time in which events are counted, microseconds. Before it the
+        memories of simulated pixels settle.
+    exposure_us
+        Longest exposure of the frames.
+    """
+
+    light: Footage
+    coarse: Footage
+    counted_us: tuple[int, int]
+    exposure_us: float
+
+
+def parts_of(events: Events, seen: Frames | Footage, check: Check) -> tuple[Part, Part | None]:
+    """Divide what a camera saw in time.
+
+    Parameters
+    ----------
+    events
+        The recording.
+    seen
+        Frames, of which the stretch with most events is used, or light.
+    check
+        The half that is held out.
+
+    Returns
+    -------
+    The part to fit, and the held-out half, None for "none". A held-out second half begins one frame
+    before the middle, so that its pixels have settled there.
+
+    Raises
+    ------
+    TaskError
+        There are too few frames.
+    """
+    if isinstance(seen, Frames):
+        seen = busiest([events], seen)
+    last = len(seen) - 1
+    if check == "none":
+        return _part(seen, 0, last), None
+    if last + 1 < _LEAST:
+        raise TaskError(
+            f"check: found {last + 1} frames within the time of the events, expected {_LEAST} or "
+            "more, three of each half; --check none fits all of them"
+        )
+    middle = last // 2
+    if check == "first":
+        return _part(seen, middle, last), _part(seen, 0, middle)
+    return _part(seen, 0, middle), _part(seen, middle - 1, last)
+
+
+def _part(seen: Frames | Footage, start: int, end: int) -> Part:
+    """Return the light from one frame to another."""
+    exposure_us = 0.0
+    if isinstance(seen, Frames):
+        frames = seen.some(np.arange(start, end + 1))
+        light, coarse = light_between(frames), light_between(frames.every_second())
+        exposure_us = float(np.max(frames.end_us - frames.start_us))
+        second_us = float(frames.middle_us[1])
+    else:
+        t_s = seen.t_s[start : end + 1]
+        light = replace(seen, t_s=t_s, frames=lambda: islice(seen, start, end + 1))
+        coarse = every_second(light)
+        second_us = 0.0
+    first_us, last_us = (light.t_offset_us + 1e6 * light.t_s[[0, -1]]).tolist()
+    settled_us = max(second_us, first_us + SETTLING * (last_us - first_us))
+    return Part(light, coarse, (round(settled_us), round(last_us)), exposure_us)
