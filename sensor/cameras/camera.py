@@ -509,7 +509,7 @@ random_start
         parts = [", ".join(chip)] if chip else []
         parts.append(f"C {_listed(thresholds)}" if thresholds else self._threshold_words())
         parts.append(self._light_words(lux, cutoff_hz))
-        parts.append(f"dark {100 * self.dark_share:g} % of white")
+        parts.append(f"dark {100 * self.dark_share:.3g} % of white")
         noise = {"leak": self.leak_hz, "shot noise": self.shot_noise_hz}
         said = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
         unknown = [what for what in noise if not self.states(what.replace(" ", "_"))]

@@ -1,6 +1,7 @@
 """Figures of docs/real.md, on public recordings that are not part of this repository."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -43,3 +44,17 @@ def test_frames_of_the_slider_predicted_from_events(slider):
     assert len(predicted) == 4
     assert np.all(np.subtract(predicted, before) > 2)
     assert min(predicted) > 24
+
+
+@pytest.mark.parametrize("held_out", ["second", "first"])
+def test_a_camera_of_half_of_the_slider_has_the_events_of_the_other(
+    slider, eres, tmp_path, held_out
+):
+    """Promise: within a tenth, by the command alone; docs/fit.md has the figures."""
+    code, printed, _ = eres(
+        *("fit", SLIDER / "events_chunk.txt", "--out", tmp_path / "davis.toml", "--size", 240, 180),
+        *("--frames", SLIDER, "--frames-time-unit", "s", "--exposure-us", 0, "--encoding"),
+        *("linear", "--estimate-shift", "--sensor", "davis240", "--check", held_out),
+    )
+    (ratio,) = re.findall(r"^ *events .* (\S+) *$", printed, re.MULTILINE)
+    assert (code, float(ratio)) == (0, pytest.approx(1, abs=0.1))
