@@ -542,11 +542,6 @@ def map_pixels(H: Float64, points_px: Float64) -> Float64:
     points_px
         (N, 2) pixels.
 
-    Returns
-    -------
-    mapped_px
-        (..., N, 2) pixels.
-
     Examples
     --------
     >>> import numpy as np

@@ -28,14 +28,8 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
 
     Parameters
     ----------
-    folder
-        Folder of the kernels and of those that they call.
     options
         Options of `numba.njit`, in addition to a cache, no GIL and the error model of numpy.
-
-    Returns
-    -------
-    The decorator.
     """
     sources = map(Path.read_bytes, sorted(folder.rglob("*.py")))
     stamp = hashlib.sha256(b"".join(one for one in sources if b"jit" in one)).hexdigest()

@@ -149,13 +149,6 @@ class Distortion:
 def polynomials(x: Any, y: Any, lens: Distortion) -> tuple[Any, Any, Any, Any, Any]:
     """Return where the polynomials of a lens show directions, and their symmetric Jacobian.
 
-    Parameters
-    ----------
-    x, y
-        Directions (x, y, 1): arrays of NumPy or of Dr.Jit, or numbers.
-    lens
-        The lens.
-
     Returns
     -------
     x, y

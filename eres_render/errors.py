@@ -78,25 +78,6 @@ def reading(file: Path, format: str, error: type[ValueError]) -> Iterator[None]:
     """Turn any failure to read a file into one error that starts with its name.
 
     What a damaged file makes of a library cannot be listed, so nothing is.
-
-    Parameters
-    ----------
-    file
-        The file.
-    format
-        What it is read as, such as "TOML".
-    error
-        Class of the new error.
-
-    Yields
-    ------
-    None
-
-    Raises
-    ------
-    error
-        For any error in the context, with that error as its cause; the text of one of this class
-        or of this package stays, behind the name of the file unless it starts with it.
     """
     try:
         yield
@@ -122,20 +103,7 @@ def _reason(found: Exception) -> str:
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """Return a hint for an unknown name.
-
-    Parameters
-    ----------
-    name
-        The unknown name.
-    known
-        All known names.
-
-    Returns
-    -------
-    "did you mean ...?" with the nearest known name, or the two if they are about as near, or a list
-    of all if none is near.
-    """
+    """Return a hint for an unknown name."""
     near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
     if not near:
         return f"choose from: {', '.join(known)}"
@@ -151,19 +119,8 @@ def check_positive(
 
     Parameters
     ----------
-    name
-        Name of the setting, as the user knows it.
-    found
-        Its value.
-    error
-        Class of the error.
     expected
         What the value must be, for the error, such as a number with a unit.
-
-    Raises
-    ------
-    error
-        The number is 0, negative, infinite or NaN.
 
     Examples
     --------
@@ -179,18 +136,6 @@ def check_positive(
 
 def check_spp(spp: int, error: type[ValueError]) -> None:
     """Refuse a number of samples per pixel that the multijittered sampler cannot lay out.
-
-    Parameters
-    ----------
-    spp
-        A square, or a multiple of its square root, rounded down.
-    error
-        Class of the error.
-
-    Raises
-    ------
-    error
-        The number is neither.
 
     Examples
     --------

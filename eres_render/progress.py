@@ -12,10 +12,4 @@ class Progress(Protocol):
 
 
 def silent(stage: str, done: float, total: float, /) -> None:
-    """Ignore progress.
-
-    Parameters
-    ----------
-    stage, done, total
-        As in `Progress`.
-    """
+    """Ignore progress."""

@@ -30,10 +30,6 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     options
         Options of `numba.njit`, in addition to a cache, no GIL, the error model of numpy, and no
         code for callers in C.
-
-    Returns
-    -------
-    The decorator.
     """
     files = sorted(file for folder in folders for file in folder.rglob("*.py"))
     sources = (source for source in map(Path.read_bytes, files) if b"jit" in source)
@@ -58,17 +54,7 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
 
 
 def is_cached(kernel: object) -> bool:
-    """Return whether code of a kernel is in the cache, for arguments of any types.
-
-    Parameters
-    ----------
-    kernel
-        A kernel from `compiler`; anything else is not cached.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether code of a kernel is in the cache, for arguments of any types."""
     if not isinstance(kernel, Dispatcher):
         return False
     cached: Any = kernel

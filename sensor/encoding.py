@@ -73,15 +73,6 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
 def to_srgb(light: Floats) -> Floats:
     """Encode light in sRGB, IEC 61966-2-1:1999, section 5.2.
 
-    Parameters
-    ----------
-    light
-        An array of any shape, linear, from 0 to 1.
-
-    Returns
-    -------
-    The encoded values, from 0 to 1, in the shape of `light`.
-
     Examples
     --------
     >>> import numpy as np
@@ -93,17 +84,7 @@ def to_srgb(light: Floats) -> Floats:
 
 
 def from_srgb(v: Floats) -> Floats:
-    """Decode sRGB, IEC 61966-2-1:1999, section 5.2.
-
-    Parameters
-    ----------
-    v
-        An array of any shape, encoded, from 0 to 1.
-
-    Returns
-    -------
-    The light, from 0 to 1, in the shape of `v`.
-    """
+    """Decode sRGB, IEC 61966-2-1:1999, section 5.2."""
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 

@@ -65,21 +65,8 @@ def reading(
 
     Parameters
     ----------
-    place
-        The file, or a place in it.
     format
         What the file is read as, for errors of libraries; "" for a place in it.
-    error
-        Class of the new error.
-
-    Yields
-    ------
-    None
-
-    Raises
-    ------
-    error
-        For any other error in the context, with its text and that error as its cause.
     """
     try:
         yield
@@ -103,20 +90,6 @@ def _reason(found: Exception) -> str:
 
 
 def nearest(name: str, names: Collection[str], others: str = "") -> str:
-    """Return the advice for an unknown name: a similar one, or all names.
-
-    Parameters
-    ----------
-    name
-        The unknown name.
-    names
-        Those that are known.
-    others
-        What else may be given, such as "a file, or ".
-
-    Returns
-    -------
-    str
-    """
+    """Return the advice for an unknown name: a similar one, or all names."""
     close = difflib.get_close_matches(name.lower(), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"expected {others}one of {', '.join(names)}"

@@ -315,19 +315,8 @@ def whole_us(function: str, name: str, t_us: object) -> int:
 
     Parameters
     ----------
-    function, name
-        Names of the function and of its parameter, for the error.
     t_us
         The time, microseconds.
-
-    Returns
-    -------
-    The same time.
-
-    Raises
-    ------
-    EventError
-        It is not an integer, so it may be in seconds.
     """
     if not isinstance(t_us, int | np.integer):
         raise EventError(
@@ -346,17 +335,10 @@ def shifted(t_us: NDArray[np.int64], shift_us: int, function: str) -> NDArray[np
         (N,) the times.
     shift_us
         The shift, whole microseconds.
-    function
-        Name of the function, for errors.
 
     Returns
     -------
     (N,) int64
-
-    Raises
-    ------
-    EventError
-        The shift is not an integer, or a time would not fit into int64.
     """
     shift = whole_us(function, "shift_us", shift_us)
     if not len(t_us):
@@ -376,12 +358,6 @@ def no_events(width: int, height: int, model: SensorModel | None) -> Events:
     ----------
     width, height
         Size of the sensor, px.
-    model
-        The sensor, or None.
-
-    Returns
-    -------
-    Events
     """
     return Events(*Columns.room(0), width, height, model)
 

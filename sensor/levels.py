@@ -21,11 +21,6 @@ def white_level(frame: NDArray[np.floating]) -> float:
     ----------
     frame
         (H, W) linear radiance.
-
-    Returns
-    -------
-    float
-        In the unit of the frame.
     """
     values = frame.ravel()
     sample = np.sort(values[:: 1 + values.size // _SAMPLE_PX])

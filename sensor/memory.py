@@ -63,17 +63,7 @@ class Memory:
         self._lock = Lock()
 
     def array(self, shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
-        """Return an array of arbitrary content that starts at a cache line.
-
-        Parameters
-        ----------
-        shape, dtype
-            As in `numpy.empty`.
-
-        Returns
-        -------
-        ndarray
-        """
+        """Return an array of arbitrary content that starts at a cache line."""
         size = math.prod(shape if isinstance(shape, tuple) else (shape,)) * np.dtype(dtype).itemsize
         if size < _LEAST_BYTES:
             block = np.empty(size + _CACHE_LINE, np.uint8)

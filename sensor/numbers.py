@@ -12,24 +12,7 @@ _LONGEST = 60  # characters of a value in an error message
 
 
 def real(name: str, value: object, expected: str) -> float:
-    """Return a number as a Python float; infinity is allowed.
-
-    Parameters
-    ----------
-    name, expected
-        Name of the value and description of valid values, for the error.
-    value
-        The value to check.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    SensorError
-        The value is not a number, or NaN.
-    """
+    """Return a number as a Python float; infinity is allowed."""
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -41,39 +24,14 @@ def real(name: str, value: object, expected: str) -> float:
 
 
 def whole(name: str, value: object, expected: str) -> int:
-    """Return an integer as a Python int.
-
-    Parameters
-    ----------
-    name, value, expected
-        As in `real`.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    SensorError
-        The value is not an integer.
-    """
+    """Return an integer as a Python int."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value)
     raise refusal(name, value, expected)
 
 
 def refusal(name: str, value: object, expected: str) -> SensorError:
-    """Return the error for a wrong value, one line of text.
-
-    Parameters
-    ----------
-    name, value, expected
-        As in `real`.
-
-    Returns
-    -------
-    SensorError
-    """
+    """Return the error for a wrong value, one line of text."""
     text = repr(value)
     if len(text) > _LONGEST or "\n" in text:
         text = f"a value of type {type(value).__name__}"

@@ -155,21 +155,8 @@ class Sender:
 
         Parameters
         ----------
-        part
-            The next events.
         until_us
             No event of a later part is earlier, us; None is the time of the last event.
-
-        Returns
-        -------
-        Events
-            Those that left before `until_us`, whose microsecond may get others.
-
-        Raises
-        ------
-        EventError
-            The part differs in size from the one before it, starts before its end, or has times
-            of 2^62 us or more.
         """
         for t_us in part.t_us[[0, -1]].tolist() if len(part) else ():
             if abs(t_us) >= fifo.END_OF_TIME_US:  # differences would overflow
@@ -226,14 +213,7 @@ class ReadOut:
         self._parts = self._run()
 
     def __iter__(self) -> Iterator[Events]:
-        """Yield parts in order, sorted by time, ties by (y, x).
-
-        Raises
-        ------
-        EventError
-            A part differs in size from the one before it, or starts before its end, or all parts
-            were read before.
-        """
+        """Yield parts in order, sorted by time, ties by (y, x)."""
         if self._ended:
             raise EventError(
                 "ReadOut: found parts that were read before, expected one iteration; keep them in "
@@ -253,13 +233,7 @@ class ReadOut:
 
     @property
     def report(self) -> ReadoutReport:
-        """Counts and delays of the events so far.
-
-        Raises
-        ------
-        EventError
-            The iteration over the parts has not started.
-        """
+        """Counts and delays of the events so far."""
         if not self._begun:
             raise EventError(
                 "ReadOut.report: found parts that are still unread, expected all of them to be "

@@ -18,13 +18,7 @@ _CONNECT_S = 5.0
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Connect to the Dask scheduler at an address.
-
-    Raises
-    ------
-    TaskError
-        Dask is not installed, the address is no `tcp://HOST:PORT`, or no scheduler answers.
-    """
+    """Connect to the Dask scheduler at an address."""
     try:
         from distributed import Client
     except ImportError:
@@ -59,26 +53,7 @@ def _quiet(*names: str) -> Iterator[None]:
 
 
 def outcome(future: Future, what: str) -> Any:
-    """Return the result of a future.
-
-    Parameters
-    ----------
-    future
-        The future.
-    what
-        What it computes, for error messages.
-
-    Returns
-    -------
-    What the function returned on a worker.
-
-    Raises
-    ------
-    TaskError
-        One worker after another died, or the scheduler ended or canceled the work.
-    Exception
-        As the function raised it on a worker.
-    """
+    """Return the result of a future."""
     from distributed import KilledWorker
     from distributed.client import FutureCancelledError
 

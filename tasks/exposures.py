@@ -27,38 +27,14 @@ class Exposure(NamedTuple):
 
 
 def write_exposures(folder: Path, exposures: Iterable[Exposure]) -> None:
-    """Write frames.csv into a folder.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    exposures
-        The exposures, in order of time.
-    """
+    """Write frames.csv into a folder."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *exposures])
     write_text(folder / FILE_NAME, text.getvalue())
 
 
 def read_exposures(folder: Path) -> list[Exposure]:
-    """Read frames.csv; columns besides its own are ignored.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-
-    Returns
-    -------
-    The exposures, in the order of the file.
-
-    Raises
-    ------
-    TaskError
-        A column is missing, a time is not a whole number of microseconds, an exposure ends before
-        it starts, or an image has no name.
-    """
+    """Read frames.csv; columns besides its own are ignored."""
     path = folder / FILE_NAME
     with (
         reading(path, "CSV", TaskError),

@@ -73,20 +73,9 @@ def number_text(value: float, decimals: int, sign: str = "", *, keeps_minus: boo
 
     Parameters
     ----------
-    value
-        Number.
-    decimals
-        Number of decimals.
-    sign
-        "+" prints plus signs too.
     keeps_minus
         Whether a negative number that rounds to zero has a minus sign, as in "−0.00"; not if it is
         only the rounding error of a difference.
-
-    Returns
-    -------
-    str
-        Formatted number.
     """
     z = "" if keeps_minus and abs(value) > LAST_BITS else "z"
     return f"{value:{sign}{z}.{decimals}f}".replace("-", "−")

@@ -53,15 +53,6 @@ def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value
 def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: float = 1.0) -> int:
     """Return how far the events of a sequence were shifted since, as by `eres convert --shift-us`.
 
-    Parameters
-    ----------
-    sequence
-        The sequence.
-    origin
-        That of the file of events.
-    speed
-        As in `origin_of`.
-
     Returns
     -------
     Microseconds; 0 if the events are of another sequence, such as another stretch of the path.

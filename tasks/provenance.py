@@ -31,13 +31,7 @@ def command() -> str:
 
 
 def environment(variant: str | None = None) -> dict[str, str]:
-    """Return versions, machine and code of this process, by name.
-
-    Parameters
-    ----------
-    variant
-        Variant of Mitsuba, if something was rendered.
-    """
+    """Return versions, machine and code of this process, by name."""
     return {
         "code": code(),
         **({VARIANT: variant} if variant else {}),
@@ -122,18 +116,6 @@ def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Check that a job is rendered with the Mitsuba and the device of the finished ones.
 
     Another version or device draws other random numbers or rounds differently.
-
-    Parameters
-    ----------
-    begun
-        Environment of the finished jobs.
-    now
-        Environment of the new job.
-
-    Raises
-    ------
-    StudyError
-        The version or variant of Mitsuba is not among those of the finished jobs.
     """
     for name in (MITSUBA, VARIANT):
         if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):

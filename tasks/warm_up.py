@@ -32,12 +32,8 @@ def needed_s(
     ----------
     cutoff_hz
         Corner frequency of each of the photoreceptor's poles; inf needs the base.
-    speed
-        Factor by which the scene moves faster than rendered.
     base_s
         The least, s of the path; it lets an ideal pixel's memory forget where it started.
-    time_constants
-        Of the poles.
 
     Returns
     -------
@@ -59,14 +55,8 @@ def warn_if_short(
 
     Parameters
     ----------
-    sequence
-        The sequence.
-    cutoff_hz, speed
-        As for `needed_s`.
     windows_before
         Number of windows of the same length before the window whose events are used too.
-    time_constants
-        As for `needed_s`.
     """
     start_s = float(sequence.t_s[0])
     window_s = sequence.window_s[1] - sequence.window_s[0]

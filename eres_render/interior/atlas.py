@@ -39,18 +39,6 @@ class Atlas:
         """Return the texture.
 
         Paint covers the empty cells around a chart too, so that filtered look-ups stay inside it.
-
-        Parameters
-        ----------
-        texels_per_cell
-            Texels along a cell of `CELL_M`.
-        seed
-            Seed of all randomness.
-
-        Returns
-        -------
-        texture
-            (rows, columns) x texels_per_cell float32.
         """
         k = texels_per_cell
         texels = np.full((self.rows * k, self.columns * k), 0.5, dtype=np.float32)
@@ -99,15 +87,8 @@ def layout(charts: Sequence[Chart], columns: int) -> Atlas:
 
     Parameters
     ----------
-    charts
-        Charts to place.
     columns
         Width of the rectangle in cells; it grows if a chart needs more.
-
-    Returns
-    -------
-    atlas
-        The charts with their places.
     """
     sides = [tuple(max(1, round(side / CELL_M)) for side in chart.size_m) for chart in charts]
     columns = max(columns, max(width for width, _ in sides) + 2)

@@ -16,15 +16,8 @@ def wooden(tone: float, ring_m: float = 0.018) -> FacePainter:
 
     Parameters
     ----------
-    tone
-        Approximate mean reflectance.
     ring_m
         Distance between growth rings, m.
-
-    Returns
-    -------
-    painter
-        Painter of the faces of a box.
     """
     return lambda along_u: partial(wood, tone=tone, along_u=along_u, ring_m=ring_m)
 

@@ -14,17 +14,7 @@ from eres_render.textures.fractal_noise import Float32
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """How a piece is made.
-
-    Parameters
-    ----------
-    charts
-        Its surfaces.
-    texels_per_cell
-        Texels along a cell of `CELL_M`.
-    columns
-        Width of the atlas in cells; more if a chart needs them.
-    """
+    """How a piece is made."""
 
     charts: Callable[[], list[Chart]]
     texels_per_cell: int
@@ -60,27 +50,7 @@ PIECES = {
 
 
 def paint(name: str, width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the texture of a piece.
-
-    Parameters
-    ----------
-    name
-        One of `PIECES`.
-    width_px, height_px, texel_m
-        Size of the texture and of a texel; its atlas decides both.
-    seed
-        Seed of all randomness.
-
-    Returns
-    -------
-    texture
-        (height_px, width_px) float32 reflectance.
-
-    Raises
-    ------
-    SceneError
-        If the size is not that of the atlas.
-    """
+    """Return the texture of a piece."""
     piece = PIECES[name]
     atlas = piece.atlas()
     k = piece.texels_per_cell

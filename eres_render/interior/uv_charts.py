@@ -33,10 +33,6 @@ class Chart:
         (rows, columns, 3), of length 1, out of the front.
     t, s
         (rows,) and (columns,) where the grid's lines lie on the rectangle, from 0 to 1.
-    size_m
-        Width and height of the rectangle.
-    paint
-        What the surface reflects.
     solid
         (rows - 1, columns - 1) bool: which cells of the grid exist; False at a hole.
     """
@@ -55,17 +51,8 @@ def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[
 
     Parameters
     ----------
-    charts
-        Charts to move.
-    turn_deg
-        Angle about the z axis.
     shift_m
         (3,) shift after the turn, m.
-
-    Returns
-    -------
-    charts
-        The moved charts.
     """
     turn_rad = np.deg2rad(turn_deg)
     c, s = np.cos(turn_rad), np.sin(turn_rad)
@@ -84,15 +71,8 @@ def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart
     ----------
     points
         (rows, columns, 3), m.
-    paint
-        Painter of the chart.
     t, s
         (rows,) and (columns,) positions of the grid's lines on the rectangle, 0 to 1.
-
-    Returns
-    -------
-    chart
-        The chart, with normals from the slopes of the grid.
     """
     p = np.asarray(points, dtype=np.float64)
     along_v, along_u = np.gradient(p, axis=0), np.gradient(p, axis=1)
@@ -115,13 +95,6 @@ def rectangle(corner: ArrayLike, right: ArrayLike, down: ArrayLike, paint: Paint
         (3,) the corner at the top left, m.
     right, down
         (3,) the two sides that leave the corner, m.
-    paint
-        Painter of the chart.
-
-    Returns
-    -------
-    chart
-        The rectangle.
     """
     return plate(corner, right, down, paint, (0.0, 1.0), (0.0, 1.0))
 
@@ -143,17 +116,6 @@ def plate(
         (3,) the corner at the top left, m.
     right, down
         (3,) the two sides that leave the corner, m.
-    paint
-        Painter of the chart.
-    t, s
-        Positions of the cuts along `down` and along `right`, 0 to 1.
-    hole
-        Row and column of the cell that is left out, if any.
-
-    Returns
-    -------
-    chart
-        The rectangle.
     """
     corner, right, down = (np.asarray(x, dtype=np.float64) for x in (corner, right, down))
     points = corner + np.multiply.outer(t, down)[:, None] + np.multiply.outer(s, right)
@@ -186,15 +148,6 @@ def box(
     ----------
     low, high
         (3,) two opposite corners, m.
-    paint
-        Makes the painter of each face.
-    without
-        Names of the faces that are left out.
-
-    Returns
-    -------
-    charts
-        The faces, fronts outside.
     """
     return [face(name, low, high, paint) for name in _FACES if name not in without]
 
@@ -204,17 +157,8 @@ def face(name: str, low: ArrayLike, high: ArrayLike, paint: FacePainter) -> Char
 
     Parameters
     ----------
-    name
-        west, east, south, north, top or bottom.
     low, high
         (3,) two opposite corners, m.
-    paint
-        Makes the painter of each face.
-
-    Returns
-    -------
-    chart
-        The face, front outside.
     """
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
@@ -240,15 +184,6 @@ def rounded_box(
         (3,) two opposite corners, m.
     radius_m
         Radius of the edges, m.
-    paint
-        Makes the painter of each face.
-    without
-        Names of the faces that are left out.
-
-    Returns
-    -------
-    charts
-        The faces, fronts outside.
     """
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
@@ -280,15 +215,6 @@ def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: in
     ----------
     radii_m, heights_m
         (N,) the profile from top to bottom, m.
-    paint
-        Painter of the chart.
-    segments
-        Number of cells around the axis.
-
-    Returns
-    -------
-    chart
-        The front is outside if the profile runs downward, inside if it runs upward.
     """
     r, z = np.asarray(radii_m, dtype=np.float64), np.asarray(heights_m, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, segments + 1)
@@ -325,11 +251,6 @@ def both_sides(chart: Chart, apart_m: float = 0.002) -> list[Chart]:
         The sheet's front.
     apart_m
         Distance of the back from the front, m.
-
-    Returns
-    -------
-    charts
-        The front and the back.
     """
     back = replace(
         chart,

@@ -28,18 +28,7 @@ _COARSEST_M = 0.01  # texel of a pattern, whose details are some centimeters lar
 
 
 def random_painter(rng: np.random.Generator) -> FacePainter:
-    """Return a pattern for all faces of a thing; each face has its own shade.
-
-    Parameters
-    ----------
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    painter
-        Painter of the faces.
-    """
+    """Return a pattern for all faces of a thing; each face has its own shade."""
     pattern = PATTERNS[rng.integers(len(PATTERNS))]
     scale = float(np.exp(rng.uniform(*_LOG_SCALE)))
     contrast = float(rng.uniform(*_CONTRAST))

@@ -58,13 +58,6 @@ def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
     ----------
     duration_s
         How long it lasts, s.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    poses
-        T_world_cam.
     """
     turn, pitch = rng.uniform(-0.4, 0.4), rng.uniform(-0.2, 0.2)
     home = look_at((0, 0, 0), (np.sin(turn), np.cos(turn), np.sin(pitch)), (0, 0, 1))
@@ -98,13 +91,6 @@ def object_path(center_m: Float64, duration_s: float, rng: np.random.Generator) 
         (3,) the place, m.
     duration_s
         How long the path lasts, s.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    poses
-        T_world_object.
     """
     t_s = path_times(duration_s)
     reach_m = rng.uniform(*_REACH_M, 3)

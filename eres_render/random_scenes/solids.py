@@ -35,10 +35,6 @@ def random_solid(
     ----------
     radius_m
         Radius of the sphere, m.
-    paint
-        Painter of its faces.
-    rng
-        Source of all randomness.
 
     Returns
     -------
@@ -69,13 +65,6 @@ def room(half_m: Float64, paint: FacePainter) -> list[Chart]:
     ----------
     half_m
         (2, 3) its lower and upper corner, m.
-    paint
-        Painter of its six faces.
-
-    Returns
-    -------
-    charts
-        The faces, fronts inside.
     """
     return [both_sides(chart, 0.0)[1] for chart in box(half_m[0], half_m[1], paint)]
 

@@ -77,14 +77,6 @@ class VariantVerdict:
 
     Parameters
     ----------
-    name
-        The variant.
-    works
-        Whether it rendered the right image.
-    seconds
-        How long that took.
-    reason
-        Why it does not work, or "".
     lasting
         False if the machine was too busy or had too little memory to tell.
     """
@@ -105,11 +97,6 @@ def select_variant() -> str:
     """Make Mitsuba use the best variant that works here, and return its name.
 
     The environment variable `ERES_VARIANT` forces one.
-
-    Raises
-    ------
-    BackendError
-        If the forced variant is unknown or does not work, or if none works.
     """
     name = os.environ.get("ERES_VARIANT") or None
     if name is None:
@@ -164,17 +151,7 @@ def _explain(verdicts: list[VariantVerdict]) -> str:
 
 
 def probe_variant(name: str) -> VariantVerdict:
-    """Return the verdict on one variant; takes seconds if it is not cached.
-
-    Parameters
-    ----------
-    name
-        One of `VARIANTS`.
-
-    Returns
-    -------
-    VariantVerdict
-    """
+    """Return the verdict on one variant; takes seconds if it is not cached."""
     surroundings = json.dumps([name, _PROBE, version("mitsuba"), version("drjit"), _libraries()])
     digest = hashlib.sha256(surroundings.encode()).hexdigest()[:16]
     path = cache_dir() / "variants" / f"{name}-{digest}.json"

@@ -43,20 +43,11 @@ def check_clearance(
         Times between which the path is smooth, s.
     duration_s
         How much of it to check, s.
-    caster
-        Casts rays at the scene.
     min_clearance_m
         Least distance from all surfaces, m.
-    where
-        Name of the path in errors.
     alone
         Whether rays meet a single object, behind which the camera may pass: then it is inside only
         if it sees backs in most directions, not in most of those in which it sees something.
-
-    Raises
-    ------
-    TrajectoryError
-        The text names the first bad time and the shape.
     """
     bad = _first_bad_place(place, duration_s, caster, min_clearance_m, alone)
     until_s = duration_s if bad is None else bad[0]

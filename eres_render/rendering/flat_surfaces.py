@@ -62,7 +62,6 @@ class Bent(NamedTuple):
 
     Attributes
     ----------
-    piece : (N,) int32
     vertices, normals : (N, 3, 3) float64
         Positions, m, and unit normals of the three vertices.
     """
@@ -80,8 +79,6 @@ class FlatSurfaces:
     ----------
     textures
         Radiance, (rows, columns) float16 each: views of Mitsuba's own memory.
-    piece_of_triangle : (T,) int32
-        Piece of each triangle, mesh after mesh; `TRACED` if it has none.
     first_triangle : (S,) int64
         First triangle of each shape, by its number in Mitsuba's registry; -1 if not a mesh.
     edges : (E, 2, 3) float64
@@ -104,15 +101,9 @@ def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
 
     Parameters
     ----------
-    mi_scene
-        The scene in Mitsuba. Surfaces that do not glow are black.
     baked
         Ids of the shapes whose texture is a baked one. Another texture is looked up if it is of
         half-floats, clamped, bilinear and not transformed, as those are, and traced if not.
-
-    Returns
-    -------
-    The pieces, what their triangles show, and the edges between them.
     """
     meshes, boxes = [], []
     textures: list[NDArray[np.float16]] = []

@@ -154,12 +154,6 @@ def reason_not_to_wait(mi_scene: mi.Scene, scene: Scene) -> str:
     ----------
     mi_scene
         Mitsuba's scene; all its surfaces can be baked.
-    scene
-        The scene that it was loaded from.
-
-    Returns
-    -------
-    str
     """
     settings = scene.settings.bake
     shapes = {shape.id(): shape for shape in surfaces(mi_scene)}
@@ -275,12 +269,8 @@ def _per_cell(
 
     Parameters
     ----------
-    sides
-        Cells along u and along v.
     smooth
         Take the mean over each cell and its neighbors, as is right for light from large surfaces.
-    on_samples
-        Called with the number of further samples that are done.
     """
     import drjit as dr
     import mitsuba as mi
@@ -439,18 +429,6 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
     ----------
     mi_scene
         Mitsuba's scene.
-    scene
-        The scene that it was loaded from, named in errors.
-
-    Returns
-    -------
-    shapes
-        All shapes that reflect light.
-
-    Raises
-    ------
-    SceneError
-        If a shape cannot be baked; the text says why.
     """
     found = surfaces(mi_scene)
     for shape in found:
@@ -465,22 +443,10 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:
     """Return the reflectance of a diffuse material.
 
-    Parameters
-    ----------
-    bsdf
-        A diffuse material.
-    scene
-        Its scene, named in errors.
-
     Returns
     -------
     texels
         (H, W) float32; (1, 1) if the reflectance is uniform.
-
-    Raises
-    ------
-    RenderError
-        If the material has no reflectance.
     """
     import mitsuba as mi
 

@@ -15,10 +15,6 @@ def undistorted(camera: Camera, lens: Distortion, position: Any) -> Any:
 
     Parameters
     ----------
-    camera
-        The camera of the lens.
-    lens
-        Its distortion.
     position
         N points (mi.Point2f) in the image or at its border, px.
 

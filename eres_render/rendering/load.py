@@ -43,25 +43,14 @@ def load_mi_scene(
 
     Parameters
     ----------
-    scene
-        Scene to load.
     emitters
         Mitsuba emitters by shape id; these shapes emit light and lose their material, so that its
         images are not loaded.
-    without
-        Ids of shapes to leave out.
 
     Returns
     -------
     mi_scene
         Mitsuba's scene.
-
-    Raises
-    ------
-    SceneError
-        If Mitsuba refuses the scene.
-    RenderError
-        If an OpenEXR image of it is damaged, or a face of a PLY mesh lacks a vertex.
     """
     import mitsuba as mi
 
@@ -106,13 +95,7 @@ def load_mi_scene(
 
 @contextmanager
 def files_of(scene: Scene) -> Iterator[None]:
-    """Let Mitsuba find the files that scene.xml names relative to its folder.
-
-    Parameters
-    ----------
-    scene
-        The scene that is parsed or loaded meanwhile.
-    """
+    """Let Mitsuba find the files that scene.xml names relative to its folder."""
     import mitsuba
 
     mi: Any = mitsuba  # its type stubs lack the file resolver

@@ -108,19 +108,7 @@ class LookUp:
         self._last_lens: tuple[Camera, _ThroughLens] | None = None
 
     def pays(self, camera: Camera, spp: int) -> bool:
-        """Return whether looking up costs less than tracing every sample.
-
-        Parameters
-        ----------
-        camera
-            Image size, focal lengths, principal point and lens.
-        spp
-            Samples per pixel.
-
-        Returns
-        -------
-        bool
-        """
+        """Return whether looking up costs less than tracing every sample."""
         pixels = camera.width * camera.height
         lens = self._through_lens(camera)
         of_pinhole = lens.columns * lens.rows
@@ -145,8 +133,6 @@ class LookUp:
 
         Parameters
         ----------
-        camera
-            Image size, focal lengths, principal point and lens.
         T_world_cam
             (4, 4) pose.
         rays
@@ -157,8 +143,6 @@ class LookUp:
             Mitsuba, without the lens: shares of its width and height.
         trace
             Returns the radiance of some pixels, (N,) `row * W + column`.
-        threads
-            How many threads look up.
 
         Returns
         -------

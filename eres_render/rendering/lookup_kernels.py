@@ -93,10 +93,6 @@ def look_up(first, last, seen, textures, samples, marked, image):
 
     Parameters
     ----------
-    first, last
-        The rows.
-    seen, textures, samples
-        What the corners show, where textures are, and where samples are taken.
     marked
         (H, W) uint8; pixels that are already marked are skipped.
     image

@@ -20,22 +20,6 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
 
     The estimate is a lower bound. Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times as
     much, plus its scene.
-
-    Parameters
-    ----------
-    camera
-        Size of the image.
-    spp
-        Samples per pixel.
-    integrator
-        As for `Renderer`.
-    variant
-        The Mitsuba variant.
-
-    Raises
-    ------
-    RenderError
-        The text says how much it needs, and how much there is.
     """
     pixels = camera.width * camera.height
     size = f"resolution: found {camera.width}x{camera.height} px at {spp} samples per pixel"

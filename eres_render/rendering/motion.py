@@ -22,20 +22,6 @@ class PlacedObjects:
     """Moves the shapes of a loaded scene to where its objects are at a time.
 
     What stands still is not touched; Mitsuba rebuilds its acceleration structure.
-
-    Parameters
-    ----------
-    mi_scene
-        The scene in Mitsuba, with its objects where scene.xml puts them.
-    objects
-        The objects that move.
-    scene_file
-        The scene file, for error messages.
-
-    Raises
-    ------
-    SceneError
-        If a shape of an object is an instance or part of a group, or Mitsuba cannot move its kind.
     """
 
     def __init__(self, mi_scene: Any, objects: Sequence[MovingObject], scene_file: object) -> None:
@@ -98,14 +84,10 @@ class Body:
 
     Parameters
     ----------
-    name
-        Name of the object.
     pose
         Returns T_world_object, (..., 4, 4), at times (...) in seconds.
     knots_s
         Times between which its motion is smooth, s.
-    caster
-        Casts rays at its shapes alone, in its own coordinates.
     box_m
         (2, 3) lower and upper corner of its shapes in its own coordinates.
     """
@@ -124,12 +106,8 @@ def still_and_bodies(
 
     Parameters
     ----------
-    scene
-        The scene.
     mi_scene
         The scene in Mitsuba, with its objects where scene.xml puts them; it must not change.
-    objects
-        The objects that move.
 
     Returns
     -------

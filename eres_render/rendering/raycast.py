@@ -52,11 +52,6 @@ class RayCaster:
             (N, 3) or (3,) starts of the rays, m.
         directions
             (N, 3), of any length.
-
-        Returns
-        -------
-        hits
-            What each ray meets first.
         """
         import mitsuba as mi
 

@@ -35,8 +35,6 @@ def view_pieces(eye, M, pieces, homographies, state):
         (3,) position of the camera, m.
     M
         (3, 3) from (column, row, 1) to directions in the world.
-    pieces
-        G pieces.
     homographies, state
         (G, 3, 3) and (G,), filled in.
     """
@@ -73,8 +71,6 @@ def view_bent(eye, bent, state):
     ----------
     eye
         (3,) position of the camera, m.
-    bent
-        The triangles of such pieces.
     state
         (G,), filled in for their pieces.
     """
@@ -102,10 +98,6 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
     ----------
     shape, triangle
         (N,) number of the shape in Mitsuba's registry, 0 for none, and of its triangle.
-    first_triangle, piece_of_triangle
-        As in `FlatSurfaces`.
-    nothing
-        The piece of rays that meet nothing.
     piece_at
         (N,), filled in; -1 for what cannot be looked up.
     """
@@ -204,8 +196,6 @@ def show_row(row, piece_at, marked, shown):
 
     Parameters
     ----------
-    row
-        The row.
     piece_at
         (H + 1, W + 1) piece at the corners of the pixels.
     marked
@@ -238,11 +228,6 @@ def spread(coarse, marked, piece_at, settled, unknown):
     unknown
         ((H + 1) * (W + 1),), filled in with the other corners, `row * (W + 1) + column`, block by
         block: rays through neighboring corners are cheaper one after another.
-
-    Returns
-    -------
-    int
-        Number of other corners.
     """
     height, width = piece_at.shape
     blocks = marked.shape[1]
@@ -292,8 +277,6 @@ def through_lens(first, last, shown, left, top, corners, margin, piece_at, marke
 
     Parameters
     ----------
-    first, last
-        The rows of corners; of pixels all but the last.
     shown
         (h, w) piece that a pixel of the pinhole shows and nothing else, -1: none.
     left, top
@@ -323,15 +306,7 @@ def through_lens(first, last, shown, left, top, corners, margin, piece_at, marke
 
 @jit_inline
 def box_of(corners, row, first, last, margin):
-    """Return left, right, top and bottom of some pixels of a row, bent by a lens.
-
-    Parameters
-    ----------
-    corners, margin
-        As for `through_lens`.
-    row, first, last
-        The row, and its pixels [first, last).
-    """
+    """Return left, right, top and bottom of some pixels of a row, bent by a lens."""
     left = right = corners[row, first, 0]
     top = bottom = corners[row, first, 1]
     for i in range(row, row + 2):

@@ -41,13 +41,7 @@ class MovingObject:
     start_s: float
 
     def pose(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """Return T_world_object, (..., 4, 4), at the times (...) of the camera's path in seconds.
-
-        Raises
-        ------
-        TrajectoryError
-            If the object's path does not last until then.
-        """
+        """Return T_world_object, (..., 4, 4), at times (...) of the camera's path, s."""
         return self.path.pose(np.asarray(t_s, np.float64) - self.start_s)
 
     @property
@@ -63,25 +57,12 @@ def read_object(
 
     Parameters
     ----------
-    name
-        Name of the object.
-    shapes
-        Ids of its shapes.
     file
         Poses T_world_object in TUM format, on the clock of the camera's path.
     t_offset_us
         Time 0 of the camera's path on that clock, microseconds.
     duration_s
         How long the camera's path lasts, s.
-
-    Returns
-    -------
-    The object.
-
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be read, or its path begins later or ends earlier than the camera's.
     """
     t_s, poses = read_tum(file, t_offset_us)
     if t_s[0] > _CLOCK_S or t_s[-1] < duration_s - _CLOCK_S:

@@ -44,16 +44,6 @@ def check_faces(path: Path) -> None:
     """Refuse a mesh with a face of a vertex that it does not have: Mitsuba would read other memory.
 
     Files that are no PLY, or end early, are left to Mitsuba, which refuses them.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Raises
-    ------
-    RenderError
-        A face has such a vertex.
     """
     with path.open("rb") as file:
         try:

@@ -44,13 +44,7 @@ class SceneXml:
     shape_ids: frozenset[str]
 
     def fov_rad(self) -> float:
-        """Return the horizontal field of view of the camera, radians.
-
-        Raises
-        ------
-        SceneError
-            If there is not exactly one camera, or it is not a pinhole camera.
-        """
+        """Return the horizontal field of view of the camera, radians."""
         if len(self.cameras) != 1:
             raise SceneError(
                 f"{self.file}: found {len(self.cameras)} cameras (<sensor>), expected exactly one"
@@ -77,20 +71,8 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
 
     Parameters
     ----------
-    file
-        The scene file.
     given
         Names of parameters that will be set from outside; files named by them are not required.
-
-    Returns
-    -------
-    xml
-        Its cameras, the ids of its shapes and the files that it names.
-
-    Raises
-    ------
-    SceneError
-        If a scene file cannot be read, or a file that it names is missing.
     """
     reader = _Reader(file, given)
     elements = list(reader.elements(file))

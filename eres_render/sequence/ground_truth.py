@@ -385,13 +385,6 @@ def surfaces(
 ) -> tuple[Distance, tuple[Body, ...]]:
     """Return what rays meet in a scene.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    objects
-        Its moving objects.
-
     Returns
     -------
     distance

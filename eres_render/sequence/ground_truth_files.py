@@ -224,18 +224,6 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
 
     It resolves 1/128 px. Pixels that are not valid are zero in all channels.
-
-    Parameters
-    ----------
-    path
-        The PNG file.
-    flow
-        The flow.
-
-    Raises
-    ------
-    RenderError
-        If a valid flow reaches 256 px, or the file cannot be written.
     """
     code = np.round(flow.flow_px * _PNG_PER_PX) + _PNG_ZERO
     code = np.where(flow.valid[..., None], code, 0)

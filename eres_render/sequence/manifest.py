@@ -96,13 +96,7 @@ def plane_values(scene: Scene) -> tuple[float, ...]:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read and check the manifest of a sequence folder.
-
-    Raises
-    ------
-    SequenceError
-        If it is missing or of a different version, or one of its fields is wrong.
-    """
+    """Read and check the manifest of a sequence folder."""
     path = folder / "manifest.json"
     table = read_json(dict[str, Any], path, SequenceError)
     version = table.get("version")
@@ -115,20 +109,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write the manifest into a sequence folder.
-
-    Parameters
-    ----------
-    folder
-        Folder of the sequence.
-    manifest
-        What to write.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
-    """
+    """Write the manifest into a sequence folder."""
     table = dataclasses.asdict(manifest)
     for name in ("t_offset_us", "intrinsics", "distortion", "objects"):
         if not table[name]:

@@ -101,10 +101,6 @@ def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px
 
     Parameters
     ----------
-    renderer
-        Renders the clips.
-    clips
-        At least one.
     max_displacement_px
         Largest motion from frame to frame, px.
     """
@@ -150,8 +146,6 @@ def count_events(
         Each (R, N): radiance of N pixels in R renders with independent noise, R a multiple of 4.
     dark_level
         Added to the radiance before the logarithm, W m^-2 sr^-1.
-    contrast_threshold
-        Threshold of the pixels.
 
     Returns
     -------

@@ -70,13 +70,7 @@ class _ClipInProgress(RadianceSequence):
             yield frame
 
     def frame(self, i: int) -> NDArray[np.float32]:
-        """Return frame i as `RadianceSequence.frame` does; render it if it is missing.
-
-        Raises
-        ------
-        IndexError
-            If there is no frame i.
-        """
+        """Return frame i as `RadianceSequence.frame` does; render it if it is missing."""
         self._check_number(i)
         with self.one_at_a_time:
             self.wait()

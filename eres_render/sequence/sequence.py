@@ -159,19 +159,7 @@ class RadianceSequence:
 
 
 def read_ahead(read: Callable[[int], T], count: int) -> Iterator[T]:
-    """Yield what a function returns for 0, 1, ..., while all cores call it for the next ones.
-
-    Parameters
-    ----------
-    read
-        The function.
-    count
-        Number of calls.
-
-    Yields
-    ------
-    The results, in order.
-    """
+    """Yield what a function returns for 0, 1, ..., while all cores call it for the next ones."""
     at_once = cores()
     with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
         ahead = deque(readers.submit(read, i) for i in range(min(at_once, count)))
@@ -238,24 +226,12 @@ def open_sequence(path: str | Path) -> RadianceSequence:
 def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
     """Read the poses of all frames, (T, 4, 4), and the whole path of the camera.
 
-    Parameters
-    ----------
-    folder
-        Folder of the sequence.
-    manifest
-        Its manifest.
-
     Returns
     -------
     T_world_cam
         (T, 4, 4) poses of the frames.
     trajectory
         The path, on the time axis of the frames.
-
-    Raises
-    ------
-    SequenceError
-        If a file is missing or damaged, or they contradict each other or the manifest.
     """
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
     with reading(poses_file, "text", SequenceError):
@@ -357,8 +333,6 @@ class SequenceWriter:
 
         Parameters
         ----------
-        i
-            Number of the frame.
         radiance
             (H, W) linear radiance.
         """

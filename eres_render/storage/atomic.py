@@ -18,18 +18,7 @@ _log = logging.getLogger(__name__)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those that hold it, unless they exist.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-
-    Raises
-    ------
-    RenderError
-        If a file is in the way, or the folder cannot be made.
-    """
+    """Make a folder and those that hold it, unless they exist."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -45,17 +34,6 @@ def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
 
     A file beside it is locked meanwhile: `clear_unfinished` removes both after a process was
     killed. The temporary file itself is not locked, as libraries such as HDF5 lock what they write.
-
-    Parameters
-    ----------
-    path
-        The final name.
-    folder
-        Whether to make a folder.
-
-    Yields
-    ------
-    The temporary name.
     """
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
@@ -78,13 +56,6 @@ def clear_unfinished(folder: Path, name: str | None = None) -> None:
     """Remove temporary files and folders of killed processes.
 
     Warns of those of another machine, or that cannot be locked, as they may still be written.
-
-    Parameters
-    ----------
-    folder
-        Where they are, also in folders within.
-    name
-        Name in the folder that they were to have; None for any.
     """
     inside = folder.rglob if name is None else folder.glob
     of_name = ".+" if name is None else re.escape(name[:48])
@@ -141,23 +112,6 @@ def new_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Yield a temporary file in the folder of `path`; afterwards rename that file to `path`.
 
     A link is replaced, not what it points to.
-
-    Parameters
-    ----------
-    path
-        The file.
-    overwrite
-        Whether to replace a file.
-
-    Yields
-    ------
-    The temporary file.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written, is a device or a pipe, or exists at the end and is not to be
-        replaced. Nothing is left behind, also after any other error.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RenderError(f"{path}: found a device or a pipe, expected a file or a new name")
@@ -188,22 +142,7 @@ def _give_new_name(made: Path, path: Path) -> None:
 
 
 def write_bytes(path: Path, data: bytes | memoryview, *, overwrite: bool = True) -> None:
-    """Write a file under a temporary name in its folder, then rename it.
-
-    Parameters
-    ----------
-    path
-        The file; its folder is made if necessary.
-    data
-        Its content.
-    overwrite
-        Whether to replace a file.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written; nothing is left behind.
-    """
+    """Write a file under a temporary name in its folder, then rename it."""
     with new_file(path, overwrite=overwrite) as made:
         made.write_bytes(data)
 
@@ -214,20 +153,5 @@ def encoded(text: str) -> bytes:
 
 
 def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:
-    """Write a text file in UTF-8; see `write_bytes`.
-
-    Parameters
-    ----------
-    path
-        The file; its folder is made if necessary.
-    text
-        Its content.
-    overwrite
-        Whether to replace a file.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
-    """
+    """Write a text file in UTF-8; see `write_bytes`."""
     write_bytes(path, encoded(text), overwrite=overwrite)

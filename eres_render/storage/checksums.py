@@ -37,17 +37,8 @@ def append_sum(folder: Path, name: str, digest: str) -> None:
 
     Parameters
     ----------
-    folder
-        The folder of the SHA256SUMS file.
-    name
-        Path of the file within the folder.
     digest
         SHA-256 of its bytes.
-
-    Raises
-    ------
-    RenderError
-        If SHA256SUMS cannot be written.
     """
     path = folder / FILE_NAME
     try:
@@ -58,19 +49,6 @@ def append_sum(folder: Path, name: str, digest: str) -> None:
 
 
 def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
-    """Write SHA256SUMS, sorted by name, in place of an existing one.
-
-    Parameters
-    ----------
-    folder
-        The folder of the file.
-    sums
-        SHA-256 by path within the folder.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
-    """
+    """Write SHA256SUMS, sorted by name, in place of an existing one."""
     lines = (f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
     write_text(folder / FILE_NAME, "".join(lines))

@@ -20,11 +20,6 @@ def digest(value: object) -> str:
     count. Mappings have no order. A field that is None is left out, so that an optional field that
     is added later changes no digest. Enums and numbers count by value (1 equals 1.0), arrays by
     type, shape and bytes. For a file, pass the digest of its bytes.
-
-    Raises
-    ------
-    TypeError
-        If the value holds an object of another type, such as a function.
     """
     return hashlib.sha256(_encoded([VERSION, value])).hexdigest()
 

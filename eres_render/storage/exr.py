@@ -43,17 +43,10 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
     ----------
     image
         (H, W).
-    path
-        The file to write, for error messages.
 
     Returns
     -------
     (H, W) float16.
-
-    Raises
-    ------
-    RenderError
-        If a value is not finite, or becomes infinite.
     """
     if not (image.min() > -_LEAST_TOO_LARGE and image.max() < _LEAST_TOO_LARGE):
         bad = np.argwhere(~(np.abs(image) < _LEAST_TOO_LARGE))[0]
@@ -73,17 +66,8 @@ def write_luminance(
 
     Parameters
     ----------
-    path
-        The file, which appears under its name only when it is complete.
     image
         (H, W).
-    attributes
-        Texts for the header, by name.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written, or a value does not fit half precision.
     """
     write_channels(path, {"Y": to_half(image, path)}, attributes)
 
@@ -98,20 +82,11 @@ def write_channels(
 
     Parameters
     ----------
-    path
-        The file, which appears under its name only when it is complete.
     channels
         (H, W) each, by name.
-    attributes
-        Texts for the header, by name.
     compression
         Whether to compress the file. Both are lossless, and every reader supports them. A frame of
         1280 x 1280 takes 2.2 MB and 35 to 42 ms of CPU time, or 3.3 MB and 3 to 5 ms.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
     """
     header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
     file = OpenEXR.File({**header, **(attributes or {})}, dict(channels))
@@ -132,8 +107,6 @@ def read_luminance(
 
     Parameters
     ----------
-    path
-        The file.
     layer
         The layer to read, as "ViewLayer.Combined" for ViewLayer.Combined.R; in a file of several
         parts the part, or part and layer. By default channels without a layer, else the only
@@ -146,11 +119,6 @@ def read_luminance(
     -------
     image
         (H, W) float32.
-
-    Raises
-    ------
-    RenderError
-        If the file is missing, truncated or no image with light, or the layer is not clear.
     """
     chosen = find_layer(path, layer, intact=intact)
     prefix = chosen.prefix
@@ -181,22 +149,7 @@ class Layer(NamedTuple):
 
 
 def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -> Layer:
-    """Find the layer that `read_luminance` reads.
-
-    Parameters
-    ----------
-    path, wanted, intact
-        As `path`, `layer` and `intact` there.
-
-    Returns
-    -------
-    Layer
-
-    Raises
-    ------
-    RenderError
-        If the file is missing or no image with light, or the layer is not clear.
-    """
+    """Find the layer that `read_luminance` reads."""
     layers, names = [], []
     with _open(path, header_only=True, expected="an image", silent=not intact) as file:
         for part in file.parts:
@@ -275,44 +228,22 @@ def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArra
 def read_half(path: Path) -> NDArray[np.float16]:
     """Read the image of channel Y in half precision, as `write_luminance` stores it.
 
-    Parameters
-    ----------
-    path
-        The file.
-
     Returns
     -------
     (H, W) float16.
-
-    Raises
-    ------
-    RenderError
-        If the file is missing, truncated or not such an image.
     """
     with _open(path) as file:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float16)
 
 
 def read_attributes(path: Path) -> dict[str, str]:
-    """Read the text attributes of an image's header.
-
-    Raises
-    ------
-    RenderError
-        If the file is missing or not an image.
-    """
+    """Read the text attributes of an image's header."""
     with _open(path, header_only=True) as file:
         return {k: v for k, v in file.header().items() if isinstance(v, str)}
 
 
 def check_readable(path: Path) -> None:
-    """Refuse a damaged image; Mitsuba would abort the process on it.
-
-    Raises
-    ------
-    RenderError
-        If OpenEXR cannot read it.
-    """
+    """Refuse a damaged image; Mitsuba would abort the process on it."""
     status = path.stat()
     _check_readable(path, status.st_mtime_ns, status.st_size)
 

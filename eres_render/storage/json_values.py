@@ -13,11 +13,6 @@ import numpy as np
 def use_python_numbers(settings: Any) -> None:
     """Replace NumPy's numbers in the fields of a dataclass by Python's, arrays and lists by tuples.
 
-    Parameters
-    ----------
-    settings
-        An instance of a dataclass, which may be frozen and hold others.
-
     Examples
     --------
     >>> from dataclasses import dataclass
@@ -53,14 +48,8 @@ def json_values(value: object, optional: Collection[str] = ()) -> Any:
 
     Parameters
     ----------
-    value
-        The settings.
     optional
         Names of fields that are left out of dataclasses if they are None, False, 0 or empty.
-
-    Returns
-    -------
-    values
 
     Examples
     --------

@@ -25,21 +25,6 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
     ----------
     path
         The lock file, which is made if necessary. An exclusive holder deletes it on release.
-    shared
-        Hold the lock together with other shared holders, not exclusively.
-    wait
-        Wait until the lock is free.
-
-    Returns
-    -------
-    A context manager that holds the lock.
-
-    Raises
-    ------
-    LockedError
-        The lock is held and `wait` is False.
-    RenderError
-        The file cannot be made.
     """
     kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
     with _acquired(path, kind if wait else kind | fcntl.LOCK_NB):

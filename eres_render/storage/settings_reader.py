@@ -40,13 +40,6 @@ def formerly(*names: str) -> dict[str, tuple[str, ...]]:
 def differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield where two tables of plain values differ.
 
-    Parameters
-    ----------
-    found, expected
-        The tables; values may be tables too.
-    name
-        Of the tables.
-
     Yields
     ------
     (str, Any, Any)
@@ -65,16 +58,8 @@ def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
 
     Parameters
     ----------
-    kind
-        Type of the content; see `read_typed`.
-    file
-        The file.
     error
         Raised if the file cannot be read, is not TOML, or a field is wrong.
-
-    Returns
-    -------
-    The content as the given type.
     """
     return _read(kind, file, tomllib.loads, "TOML", error)
 
@@ -84,16 +69,8 @@ def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
 
     Parameters
     ----------
-    kind
-        Type of the content; see `read_typed`.
-    file
-        The file.
     error
         Raised if the file cannot be read, is not JSON, or a field is wrong.
-
-    Returns
-    -------
-    The content as the given type.
     """
     return _read(kind, file, json.loads, "JSON", error)
 
@@ -108,13 +85,7 @@ def _read(
 
 
 def check_nesting(found: Any) -> None:
-    """Refuse a parsed value that is nested so deep that it could not be printed or compared.
-
-    Raises
-    ------
-    RecursionError
-        There are more than 100 levels.
-    """
+    """Refuse a parsed value that is nested so deep that it could not be printed or compared."""
     level, depth = [found], 0
     while level := [
         inner
@@ -141,14 +112,8 @@ def read_typed(
         None is for an optional field, which is null in JSON or absent.
     found
         The parsed value, or one that has the type already, which stays as it is.
-    file, field
-        The place of the value, for error messages.
     error
         Raised if a field is missing, unknown, of the wrong type, or refused by its dataclass.
-
-    Returns
-    -------
-    The value as the given type.
     """
 
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:

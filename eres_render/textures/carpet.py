@@ -46,20 +46,6 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     and overlap like shingles. Their relief is shaded once, by a low lamp and light from everywhere,
     with the shadows that they cast; that shading is part of the texture: the carpet is rendered as
     a flat, Lambertian surface.
-
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the texture, texels.
-    texel_m
-        Size of a texel.
-    seed
-        Seed of all irregularity; the design is always the same.
-
-    Returns
-    -------
-    reflectance
-        (height_px, width_px) float32 in [0.02, 0.85].
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)

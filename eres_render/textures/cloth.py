@@ -18,15 +18,6 @@ def tweed(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     stripe = max(8, round(0.024 / texel_m))
@@ -54,17 +45,8 @@ def striped(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tones
-        Reflectances of the stripes, in order.
     period_m
         Width of one repeat of all stripes, m.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     x = np.arange(shape[1], dtype=np.float32) * np.float32(texel_m / period_m)
     stripe = np.log(np.array(tones, dtype=np.float32))[
@@ -86,13 +68,6 @@ def kilim(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> F
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     yarn_m = 0.005
     rows, columns = (int(np.ceil(n * texel_m / yarn_m)) for n in shape)

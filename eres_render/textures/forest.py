@@ -29,17 +29,8 @@ def forest(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
 
     Parameters
     ----------
-    width_px, height_px
-        Size of the texture, texels.
     texel_m
         Size of a texel in the forest, m.
-    seed
-        Seed of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (height_px, width_px) float32 in [0.02, 0.85].
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)

@@ -26,17 +26,8 @@ def fractal_noise(
         (height, width) in texels.
     coarsest_px, finest_px
         Size of the largest and about that of the smallest blobs, in texels.
-    rng
-        Source of all randomness.
-    stretch
-        How many times longer than wide the blobs are, along the columns.
     fall
         Amplitude of an octave relative to the next coarser one; 1 is 1/f noise.
-
-    Returns
-    -------
-    noise
-        (height, width) float32.
     """
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)

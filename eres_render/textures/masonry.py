@@ -19,15 +19,6 @@ def plaster(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     relief = fractal_noise(shape, 0.02 / texel_m, 1, rng)
     slope = relief - cv2.blur(relief, (3, 3))
@@ -47,15 +38,6 @@ def wallpaper(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     y, x = (np.arange(n, dtype=np.float32) * np.float32(texel_m) for n in shape)
     period_x, period_y = 0.18, 0.27
@@ -89,15 +71,6 @@ def bricks(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     length_m, height_m, joint_m = 0.25, 0.075, 0.012
     warp = fractal_noise(shape, 0.03 / texel_m, 0.004 / texel_m, rng)

@@ -16,17 +16,6 @@ def leaf(
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     height, width = shape
@@ -46,15 +35,6 @@ def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> F
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     crumbs = fractal_noise(shape, 16, 1, rng, fall=1.2)
@@ -72,15 +52,6 @@ def glaze(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     log_tone = np.log(tone) + 0.10 * fractal_noise(shape, 0.05 / texel_m, 1, rng)
     y = np.linspace(0, 1, shape[0], dtype=np.float32)[:, None]
@@ -103,15 +74,6 @@ def peel(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     blush = fractal_noise(shape, 0.1 / texel_m, 0.02 / texel_m, rng)
     pores = np.maximum(fractal_noise(shape, 3, 1, rng) - 0.8, 0)
@@ -126,12 +88,8 @@ def garden_view(width_px: int, height_px: int, texel_m: float, seed: int) -> Flo
 
     Parameters
     ----------
-    width_px, height_px
-        Size of the texture, texels.
     texel_m
         Size of a texel, m.
-    seed
-        Seed of all randomness.
 
     Returns
     -------

@@ -22,17 +22,8 @@ def pebble_print(width_px: int, height_px: int, texel_m: float, seed: int) -> Fl
 
     Parameters
     ----------
-    width_px, height_px
-        Size of the texture, texels.
     texel_m
         Size of a texel in the bed, m.
-    seed
-        Seed of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (height_px, width_px) float32 in [0.02, 0.85].
     """
     log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
     log_reflectance += _log_shading(relief)

@@ -25,20 +25,7 @@ _TITLES = (
 
 
 def lettering(text: str, height_px: int) -> Float32:
-    """Return text in capitals as the ink's coverage.
-
-    Parameters
-    ----------
-    text
-        Letters A to Z and spaces.
-    height_px
-        Height of the letters, texels.
-
-    Returns
-    -------
-    coverage
-        (height_px, width) float32 in [0, 1].
-    """
+    """Return text in capitals as the ink's coverage."""
     columns: list[int] = []
     for letter in text:
         columns += [*_LETTERS.get(letter, b"\0\0"), 0]
@@ -73,15 +60,6 @@ def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     height, width = shape
@@ -113,15 +91,6 @@ def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     tone = float(rng.choice([0.08, 0.14, 0.25, 0.5]))
@@ -148,15 +117,6 @@ def book_pages(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     sheets = 0.22 * rng.standard_normal((1, shape[1]), dtype=np.float32)
@@ -173,13 +133,6 @@ def text_page(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     height, width = shape
     page = np.full(shape, 0.72, dtype=np.float32)
@@ -210,15 +163,6 @@ def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     height, width = shape
@@ -244,15 +188,6 @@ def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     image = np.full(shape, 0.6, dtype=np.float32)
@@ -282,15 +217,6 @@ def poster(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> 
     ----------
     shape
         (rows, columns) of the texture, texels.
-    texel_m
-        Unused: the pattern scales with the shape.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     del texel_m
     height, width = shape

@@ -34,18 +34,7 @@ class Faces(NamedTuple):
     up: Float32
 
     def cosine(self, x: float, y: float, z: float) -> Float32:
-        """Return the cosine between the normals of the faces and a direction.
-
-        Parameters
-        ----------
-        x, y, z
-            Unit vector: along the columns, along the rows, up.
-
-        Returns
-        -------
-        cosine
-            (height, width) float32, negative on faces that look away.
-        """
+        """Return the cosine between the normals of the faces and a direction."""
         flat = np.float32(x) * self.slope_x, np.float32(y) * self.slope_y
         return (np.float32(z) - flat[0] - flat[1]) * self.up
 
@@ -78,17 +67,6 @@ def log_light(
     ----------
     relief
         (height, width) heights, texels.
-    sun
-        Direction to the sun: along the columns, along the rows, up.
-    sky
-        Share of the light on level ground that comes from the sky.
-    least
-        Light that reaches every texel, of that on level ground.
-
-    Returns
-    -------
-    log_light
-        (height, width) float32.
     """
     faces = faces_of(relief)
     x, y, z = np.asarray(sun, np.float64) / np.linalg.norm(sun)
@@ -110,13 +88,6 @@ def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
     ----------
     relief
         (height, width) heights, texels.
-    x, y, z
-        Direction to the lamp: along the columns, along the rows, up.
-
-    Returns
-    -------
-    lit
-        (height, width) float32 from 0, in shadow, to 1.
     """
     seen = np.empty_like(relief)
     _lit(relief, x, y, z, seen)

@@ -24,17 +24,8 @@ def split_rocks(width_px: int, height_px: int, texel_m: float, seed: int) -> Flo
 
     Parameters
     ----------
-    width_px, height_px
-        Size of the texture, texels.
     texel_m
         Size of a texel on the rocks, m.
-    seed
-        Seed of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (height_px, width_px) float32 in [0.02, 0.85].
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)

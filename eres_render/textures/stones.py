@@ -58,20 +58,6 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     polygon with a domed top and its own reflectance, grain, bands and veins. The relief is
     then shaded once, by a fixed light and the sky, and that shading is part of the texture: the bed
     is rendered as a flat, Lambertian surface.
-
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the texture, texels.
-    texel_m
-        Size of a texel.
-    seed
-        Seed of all randomness.
-
-    Returns
-    -------
-    reflectance
-        (height_px, width_px) float32 in [0.02, 0.85].
     """
     log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
     log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM)
@@ -81,15 +67,6 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
 
 def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple[Float32, Float32]:
     """Return a bed of stones before light falls on it.
-
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the texture, texels.
-    texel_m
-        Size of a texel.
-    seed
-        Seed of all randomness.
 
     Returns
     -------

@@ -26,19 +26,8 @@ def wood(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Reflectance in the middle.
-    along_u
-        Whether the grain runs along u, otherwise along v.
     ring_m
         Distance between growth rings at the board's surface, m.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     if along_u:
         return wood(shape[::-1], texel_m, rng, tone, along_u=False, ring_m=ring_m).T
@@ -67,15 +56,6 @@ def planks(
         (rows, columns) of the texture, texels.
     texel_m
         Size of a texel, m.
-    rng
-        Source of all randomness.
-    tone
-        Approximate mean reflectance.
-
-    Returns
-    -------
-    reflectance
-        (rows, columns) float32.
     """
     height, width = shape
     board, length = (round(side_m / texel_m) for side_m in _BOARD_M)

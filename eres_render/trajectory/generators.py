@@ -23,12 +23,8 @@ def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
 
     Parameters
     ----------
-    plane
-        The plane to face.
     target
         (3,) point on it.
-    distance_m
-        Distance of the camera from it.
 
     Returns
     -------
@@ -57,11 +53,6 @@ def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float6
     -------
     T_world_cam
         (4, 4) pose.
-
-    Raises
-    ------
-    TrajectoryError
-        If the target is at the camera, or straight up or down from it.
     """
     z = np.asarray(target_m, dtype=np.float64) - np.asarray(position_m)
     x = np.cross(z, np.asarray(up))

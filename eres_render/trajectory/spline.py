@@ -219,15 +219,8 @@ def check_finite(name: str, values: Float64) -> None:
 
     Parameters
     ----------
-    name
-        Name of the numbers, for the error.
     values
         (N, ...) the numbers.
-
-    Raises
-    ------
-    TrajectoryError
-        One is not; the text has the first row with one.
     """
     finite = np.isfinite(values)
     if not finite.all():

@@ -31,15 +31,6 @@ def tum_text(
         (N,) times.
     T_world_cam
         (N, 4, 4) poses.
-    t_offset_us
-        Added to the times.
-    what
-        Name of the poses, for the comment.
-
-    Returns
-    -------
-    text
-        Lines `t x y z qx qy qz qw`, after a comment that says so.
     """
     xyz = T_world_cam[:, :3, 3]
     xyzw = Rotation.from_matrix(T_world_cam[:, :3, :3]).as_quat()
@@ -68,23 +59,10 @@ def _earlier(times: list[Decimal], t_offset_us: int) -> Float64:
 def read_tum(path: Path, t_offset_us: int = 0) -> tuple[Float64, Float64]:
     """Read a TUM file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    t_offset_us
-        Subtracted from the times before they become float64.
-
     Returns
     -------
     t_s, T_world_cam
         (N,) times in seconds and (N, 4, 4) poses.
-
-    Raises
-    ------
-    TrajectoryError
-        If the file is missing or not a text, a line does not hold 8 numbers with a quaternion of
-        length 1 to within 1e-3 (which is normalized), or times do not increase.
     """
     times, poses = _read(path)
     return _earlier(times, t_offset_us), poses
@@ -99,11 +77,6 @@ def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
         The first time, rounded to microseconds.
     t_s, T_world_cam
         As of `read_tum`, with that offset.
-
-    Raises
-    ------
-    TrajectoryError
-        As `read_tum`.
     """
     times, poses = _read(path)
     t_offset_us = round(_EXACT.scaleb(times[0], 6))

@@ -587,19 +587,8 @@ def checked(name: str, key: Key, value: Any) -> Any:
 
     Parameters
     ----------
-    name, key
-        The key.
     value
         The value, in the unit of the camera's field.
-
-    Returns
-    -------
-    The value.
-
-    Raises
-    ------
-    SensorError
-        It is of another kind, or outside the range of the key.
     """
     if key.kind == "flag":
         if not isinstance(value, bool):

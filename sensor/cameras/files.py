@@ -149,26 +149,7 @@ def read_camera(file: str | Path) -> EventCamera:
 def camera_of(
     table: Mapping[str, Any], name: str = "", folder: str | Path | None = None
 ) -> EventCamera:
-    """Return the camera that a table describes, as `read_camera` reads it from a file.
-
-    Parameters
-    ----------
-    table
-        Values by key, and `base` and `electronics`.
-    name
-        Name of the camera; "" for that of its base.
-    folder
-        Where files that the table names are; None for the current folder.
-
-    Returns
-    -------
-    EventCamera
-
-    Raises
-    ------
-    SensorError
-        A key or a unit is unknown, or a value is wrong; the text names the key.
-    """
+    """Return the camera that a table describes, as `read_camera` reads it from a file."""
     values = {ALIASES.get(key, key): value for key, value in table.items()}
     camera = EventCamera()
     for word in OTHERS:
@@ -322,18 +303,7 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
 
 
 def values_of(camera: EventCamera) -> dict[str, Any]:
-    """Return what decides the events of a camera at a given cutoff, where it is not the default.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-
-    Returns
-    -------
-    dict
-        Values for JSON, in the units of the fields, by key.
-    """
+    """Return what decides the events of a camera at a given cutoff, where it is not the default."""
     plain, values = EventCamera(), {}
     for name in (name for name, key in KEYS.items() if key.part != "name" and name not in _LIGHT):
         value = getattr(camera, FIELDS[name])
@@ -344,15 +314,6 @@ def values_of(camera: EventCamera) -> dict[str, Any]:
 
 def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, str, list[float]]:
     """Return a value, its unit and its interval as a file has them.
-
-    Parameters
-    ----------
-    key
-        The key.
-    value
-        The value of the field, None if it has none.
-    interval
-        Ends of its interval, in the unit of the field.
 
     Returns
     -------

@@ -11,14 +11,7 @@ from sensor.cameras.files import OTHERS, UNLIMITED, camera_names, find_camera
 
 
 def camera_schema() -> dict[str, Any]:
-    """Return the JSON schema of a camera's file, from `sensor.cameras.fields.KEYS`.
-
-    Returns
-    -------
-    dict
-        For JSON. It accepts all that `read_camera` accepts but its alias `threshold_on`; that
-        values contradict each other is found by `read_camera` alone.
-    """
+    """Return the JSON schema of a camera's file, from `sensor.cameras.fields.KEYS`."""
     others = {name: {"type": "string", "description": meaning} for name, meaning in OTHERS.items()}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -37,15 +37,6 @@ def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorMode
         The sensors, or functions that return them for a radiance of white.
     white
         A radiance of white, for these.
-
-    Returns
-    -------
-    list of SensorModel
-
-    Raises
-    ------
-    SensorError
-        There is no model, or an item is not a `SensorModel`.
     """
     if not isinstance(models, Iterable):
         raise refusal("models", models, "a list of SensorModel")
@@ -63,24 +54,7 @@ def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorMode
 
 
 def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
-    """Return the speed factors as floats.
-
-    Parameters
-    ----------
-    speeds
-        One positive factor for each model; None is 1 for all.
-    count
-        Number of models.
-
-    Returns
-    -------
-    list of float
-
-    Raises
-    ------
-    SensorError
-        A factor is missing, or not positive and finite.
-    """
+    """Return the speed factors as floats."""
     if speeds is None:
         return [1.0] * count
     expected = f"{count} positive factors, one per model"
@@ -93,24 +67,7 @@ def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
 
 
 def checked_starts(starts: Sequence[int] | None, count: int, frames: int) -> list[int]:
-    """Return the indices of the first frames.
-
-    Parameters
-    ----------
-    starts
-        Index of a frame for each model; None is 0 for all.
-    count, frames
-        Number of models, and of frames.
-
-    Returns
-    -------
-    list of int
-
-    Raises
-    ------
-    SensorError
-        An index is missing, or not that of a frame.
-    """
+    """Return the indices of the first frames."""
     if starts is None:
         return [0] * count
     expected = f"{count} indices of frames, one per model, each in 0..{frames - 1}"
@@ -140,18 +97,6 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
 
     The height may differ by less than one pixel from the width divided by the aspect ratio of the
     frames, or the width from the height times that ratio, since a sensor has whole pixels.
-
-    Parameters
-    ----------
-    model
-        The sensor.
-    height, width
-        Size of the frames.
-
-    Raises
-    ------
-    SensorError
-        The sensor does not fit; the text says what to change.
     """
     if model.height > height or model.width > width:
         raise SensorError(
@@ -170,18 +115,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
 
 
 def check_memory(models: list[SensorModel], starts: list[int]) -> None:
-    """Check that the state of the pixels fits into memory.
-
-    Parameters
-    ----------
-    models, starts
-        The sensors, and the index of the first frame of each.
-
-    Raises
-    ------
-    SensorError
-        The state does not fit; the text gives both sizes.
-    """
+    """Check that the state of the pixels fits into memory."""
     groups = members_by_light(models, starts)
     needed = sum(least_bytes([models[i] for i in members]) for members in groups)
     if needed > (there := memory_bytes()):
@@ -204,15 +138,6 @@ def completed(
         The sensors, or functions that return them for a radiance of white; a None is replaced.
     first, white
         (H, W) the first frame, and the radiance of white; None takes that of the first frame.
-
-    Returns
-    -------
-    list of SensorModel
-
-    Raises
-    ------
-    SensorError
-        A value is needed, and the first frame is black, or its white is out of range.
     """
 
     def level(name: str) -> float:

@@ -36,22 +36,7 @@ class Device(NamedTuple):
 
 
 def device_called(name: object, threads: int) -> Device:
-    """Return the device.
-
-    Parameters
-    ----------
-    name, threads
-        "cpu" or "cuda", and number of threads of the processor.
-
-    Returns
-    -------
-    Device
-
-    Raises
-    ------
-    SensorError
-        There is no such device, or numba-cuda or the GPU does not work; the text says why.
-    """
+    """Return the device."""
     if name == "cpu":
         return Device(
             frames=checked_frames,

@@ -27,20 +27,9 @@ _LEVELS_OF_AN_IMAGE = 16
 def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
     """Return frame times as (T,) float64 seconds.
 
-    Parameters
-    ----------
-    t_s, index
-        Times, and index of the first of them, for errors.
-
     Returns
     -------
     (T,) float64
-
-    Raises
-    ------
-    SensorError
-        The times are not numbers, not finite or not strictly increasing; the text names the first
-        wrong one.
     """
     try:
         found = np.asarray(t_s)
@@ -72,14 +61,6 @@ def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
     ----------
     t_s
         (T,) frame times divided by the speed.
-    speed, index
-        Speed factor, and index of the first time, for errors.
-
-    Raises
-    ------
-    SensorError
-        A time is beyond +-`MAX_TIME_S`, an interval is too long, or the speed is so high that two
-        times are equal.
     """
     at_speed = "" if speed == 1 else f" at speed {speed:g}"
     far = np.flatnonzero(~(np.abs(t_s) <= MAX_TIME_S))
@@ -119,13 +100,6 @@ class FrameReader:
     ----------
     frames
         (T, H, W) array, or an iterable of (H, W) arrays.
-    count
-        T.
-
-    Raises
-    ------
-    SensorError
-        There are no frames, or the first is not valid radiance.
     """
 
     def __init__(self, frames: Frames, count: int) -> None:
@@ -156,21 +130,9 @@ class FrameReader:
     def chunk(self, done: int, most: int) -> NDArray[np.floating]:
         """Return the next frames; the kernels check that radiance is finite and not negative.
 
-        Parameters
-        ----------
-        done
-            Number of frames before them.
-        most
-            How many frames at most.
-
         Returns
         -------
         (F, H, W) linear radiance.
-
-        Raises
-        ------
-        SensorError
-            A frame has a wrong size or dtype, or there are fewer frames than times.
         """
         wanted = min(most, self._count - done)
         if self._array is not None:
@@ -217,17 +179,10 @@ def checked_frames(chunk: NDArray[np.floating], index: int) -> NDArray[np.floati
     ----------
     chunk
         (F, H, W) linear radiance.
-    index
-        Index of the first frame.
 
     Returns
     -------
     (F, H, W) linear radiance.
-
-    Raises
-    ------
-    SensorError
-        A size or dtype is wrong; the text names the frame.
     """
     if chunk.ndim != 3 or chunk.size == 0:
         raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
@@ -255,13 +210,6 @@ def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
     ----------
     chunk
         (F, H, W) radiance.
-    index
-        Index of the first frame of the chunk.
-
-    Raises
-    ------
-    SensorError
-        Names the frame, the pixel and the value.
     """
     if not (chunk.min() >= 0 and chunk.max() < np.inf):  # NaN fails both comparisons
         bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))

@@ -74,23 +74,8 @@ class SensorGroup:
 
         Parameters
         ----------
-        members, models, speeds
-            Indices in the bank, models, and speed factors, S each.
         frame
             (H, W) linear radiance.
-        seed
-            Seed of all random numbers.
-        first
-            Index of the frame.
-
-        Returns
-        -------
-        SensorGroup
-
-        Raises
-        ------
-        SensorError
-            The radiance is invalid, or too small for a dark level of 0.
         """
         light = light_of(frame[None], models[0], first)
         pixels = models[0].height * models[0].width
@@ -136,20 +121,11 @@ class SensorGroup:
             (F, H, W) linear radiance, and index of its first frame.
         t_s
             (F + 1,) times of the frame before the chunk and of its frames.
-        rooms
-            One for each model of the bank.
-        workers
-            Threads.
 
         Yields
         ------
         (int, Events)
             Index of the model, and its next events.
-
-        Raises
-        ------
-        SensorError
-            As in `start`.
         """
         light = light_of(chunk, self.models[0], index, workers.map)
         t_s = t_s / self.speeds[:, None]
@@ -222,18 +198,7 @@ class SensorGroup:
 
 
 def members_by_light(models: Sequence[SensorModel], starts: Sequence[int]) -> list[list[int]]:
-    """Divide models into groups: those with one light that start together.
-
-    Parameters
-    ----------
-    models, starts
-        The models, and the index of the first frame of each.
-
-    Returns
-    -------
-    list of list of int
-        The indices of the models of each group.
-    """
+    """Divide models into groups: those with one light that start together."""
     found: dict[tuple[int, int, float | None, float, int], list[int]] = {}
     for i, (m, start) in enumerate(zip(models, starts, strict=True)):
         found.setdefault((m.height, m.width, m.dark_level, m.fill_factor, start), []).append(i)
@@ -264,17 +229,6 @@ def light_of(
     ----------
     chunk, model, index
         (F, H, W) linear radiance, the sensor, and index of the first frame.
-    apply
-        Calls a function on each frame.
-
-    Returns
-    -------
-    Light
-
-    Raises
-    ------
-    SensorError
-        The radiance is invalid, or too small for a dark level of 0.
     """
     dark = model.dark_level or 0.0
     if chunk.shape[1:] == (model.height, model.width):

@@ -17,21 +17,7 @@ from sensor.model import SensorModel
 
 
 class Live:
-    """Groups of sensors with the same light, and the threads that simulate them.
-
-    Parameters
-    ----------
-    models
-        The sensors; their dark levels and cutoff references are known.
-    speeds, starts
-        Speed factor, and index of the first frame, for each model.
-    seed
-        Seed of all random numbers.
-    device
-        Where to simulate; it has the number of threads.
-    samples
-        Samples of a frame.
-    """
+    """Groups of sensors with the same light, and the threads that simulate them."""
 
     def __init__(
         self,
@@ -71,8 +57,6 @@ class Live:
         chunk, t_s
             (F, H, W) linear radiance, on the device, and (F,) its times, s. The first frame of the
             stream may also be in host memory.
-        rooms
-            One for each model; None allocates.
 
         Yields
         ------
@@ -80,11 +64,6 @@ class Live:
             Index of the model, and its next events. The parts of each model are in order, and end
             before the microsecond of the last frame. Most are views of the columns that the model's
             `Room` returned last.
-
-        Raises
-        ------
-        SensorError
-            Radiance is invalid, or too small for a dark level of 0.
         """
         rooms = rooms or self._rooms
         self.fired, begin = 0, 0

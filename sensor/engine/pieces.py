@@ -51,15 +51,7 @@ class Pieces:
         return found
 
     def learn(self, frames: int, events: int) -> None:
-        """Take note of what fired.
-
-        Parameters
-        ----------
-        frames
-            What `frames` returned.
-        events
-            The largest number of events of a group in these frames.
-        """
+        """Take note of what fired."""
         self._rate = events / frames
         self._share = min(1.0, events / self._foretold) if self._foretold else 1.0
 

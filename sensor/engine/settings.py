@@ -18,36 +18,12 @@ class Draw:
 
 
 def generator(seed: int, draw: int) -> np.random.Generator:
-    """Return the generator of one kind of random numbers.
-
-    Parameters
-    ----------
-    seed
-        Seed of the simulation.
-    draw
-        A member of `Draw`.
-
-    Returns
-    -------
-    Generator, the same for all models.
-    """
+    """Return the generator of one kind of random numbers."""
     return np.random.Generator(np.random.Philox(key=[seed, draw]))
 
 
 def settings_of(models: list[SensorModel], seed: int) -> Settings:
-    """Convert models to arrays for the kernels.
-
-    Parameters
-    ----------
-    models
-        S models of one size.
-    seed
-        Seed of the fixed patterns and of the noise.
-
-    Returns
-    -------
-    Settings
-    """
+    """Convert models to arrays for the kernels."""
     pixels = models[0].height * models[0].width
     hot = [m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models]
     hot_hz = np.zeros((len(models), pixels if any(hot) else 0))

@@ -48,24 +48,7 @@ class UnsortedEvents:
             yield range(first, min(first + step, F))
 
     def sort(self, part: range, held: Events, room: Room, workers: Workers) -> Events:
-        """Sort the events of some intervals by time, ties by (y, x).
-
-        Parameters
-        ----------
-        part
-            The intervals.
-        held
-            Events before these intervals that may share a microsecond with them.
-        room
-            Returns the columns that receive the events.
-        workers
-            Threads.
-
-        Returns
-        -------
-        Events
-            `held`, then the events of the intervals.
-        """
+        """Sort the events of some intervals by time, ties by (y, x)."""
         counts = self.counts[part.start : part.stop]
         stops = len(held) + np.cumsum(counts)
         columns = room(int(stops[-1]), int(self.frame_us[part.stop]))
@@ -100,13 +83,7 @@ class UnsortedEvents:
 
 
 def put_first(held: Events, columns: Columns) -> None:
-    """Copy events to the start of columns.
-
-    Parameters
-    ----------
-    held, columns
-        The events, and columns with at least as many entries.
-    """
+    """Copy events to the start of columns."""
     arrays: tuple[NDArray, ...] = columns
     for array, old in zip(arrays, held.columns, strict=True):
         array[: len(held)] = old
@@ -121,8 +98,6 @@ def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:
     ----------
     columns
         (N,) events by time; updated.
-    frame_us
-        The frame times.
     """
     arrays: tuple[NDArray, ...] = columns
     for each_us in np.unique(frame_us):  # many frames may share a microsecond
@@ -133,17 +108,7 @@ def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:
 
 
 def room_for_events(size: int, memory: Memory = MEMORY) -> Columns:
-    """Allocate columns for `size` events in one block.
-
-    Parameters
-    ----------
-    size, memory
-        Number of events, and where the block comes from.
-
-    Returns
-    -------
-    Columns
-    """
+    """Allocate columns for `size` events in one block."""
     block = memory.array(13 * size, np.uint8)
     t_us, x, y, p = np.split(block, (8 * size, 10 * size, 12 * size))
     return Columns(t_us.view(np.int64), x.view(np.uint16), y.view(np.uint16), p.view(np.int8))

@@ -18,13 +18,7 @@ _POOL_EVENTS = 1 << 24  # 128 MiB of address space; the system allocates pages o
 
 
 class Workers:
-    """Threads with memory for unsorted events. A single one is the caller's own.
-
-    Parameters
-    ----------
-    threads
-        Number of threads.
-    """
+    """Threads with memory for unsorted events. A single one is the caller's own."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
@@ -41,17 +35,7 @@ class Workers:
             self._others.shutdown()
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Call a function on all items.
-
-        Parameters
-        ----------
-        function, items
-            The function and the items.
-
-        Returns
-        -------
-        The results, in the items' order.
-        """
+        """Call a function on all items."""
         apply = map if self._others is None else self._others.map
         return list(apply(function, items))
 

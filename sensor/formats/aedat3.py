@@ -77,49 +77,13 @@ def _header(lines: list[str]) -> Header:
 
 
 def read_header(path: Path) -> Header:
-    """Read the header of a file; the name of its camera gives the size.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Header
-
-    Raises
-    ------
-    EventFormatError
-        The file is not AEDAT 3.1, or is compressed.
-    """
+    """Read the header of a file; the name of its camera gives the size."""
     with path.open("rb") as file:
         return _header(_read_lines(file))
 
 
 def read(path: Path, header: Header, *, sort: bool = False) -> Iterator[Events]:
-    """Read the valid polarity events of a file, packet by packet; others are left out.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-    sort
-        Sort the events by time, with all of them in memory.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        The file is truncated or damaged, has events of two cameras, or the events are not a valid
-        stream.
-    """
+    """Read the valid polarity events of a file, packet by packet; others are left out."""
     none = no_events(*header.size, header.model)
     yield from batching.in_order(_packets(path, none), none, sort=sort)
 

@@ -18,12 +18,6 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
 
     So a file depends on the events only, not on the original parts. An empty stream is one empty
     part.
-
-    Raises
-    ------
-    EventFormatError
-        There are no parts, or a part is earlier than the one before it, is of a different sensor,
-        or is not `Events`.
     """
     held: list[Events] = []
     count = 0
@@ -74,18 +68,7 @@ def _alone(part: Events) -> Events:
 
 
 def by_time(parts: Iterable[Events]) -> Iterator[Events]:
-    """Yield the same events sorted by time, ties as they were; all are in memory at once.
-
-    Parameters
-    ----------
-    parts
-        Events of one sensor, whose times may run backwards.
-
-    Yields
-    ------
-    Events
-        Parts of at most `PART_EVENTS`; none if there are no parts.
-    """
+    """Yield the same events sorted by time, ties as they were; all are in memory at once."""
     held = list(parts)
     if not held:
         return
@@ -105,19 +88,6 @@ def in_order(
     ----------
     packets
         Where in the file a part is, for errors, and its events, whose times may be unsorted.
-    none
-        No events of the same sensor.
-    sort
-        Sort the events by time, with all of them in memory.
-
-    Yields
-    ------
-    Events
-
-    Raises
-    ------
-    EventFormatError
-        An event is earlier than the one before it, and `sort` is not set.
     """
     yield none
     if sort:
@@ -155,19 +125,6 @@ def with_checked_places(
         (N,) times, columns and rows.
     on
         (N,) whether an event is ON.
-    where
-        Where in the file they are, for errors.
-    like
-        Events of the same sensor.
-
-    Returns
-    -------
-    The events.
-
-    Raises
-    ------
-    EventFormatError
-        A pixel is outside the sensor.
     """
     p = np.where(on, 1, -1).astype(np.int8)
     with reading(where):

@@ -50,30 +50,7 @@ _MAX_OFFSET_US = 1 << 62
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write a DSEC file.
-
-    Parameters
-    ----------
-    path
-        The new file.
-    header
-        Size, model, origin and start of the clock.
-    parts
-        Consecutive parts of one stream.
-
-    Returns
-    -------
-    int
-        Number of events.
-
-    Raises
-    ------
-    EventFormatError
-        The events start before 2^31 us and end after 2^32 us (71 minutes), they last 2^38 us (3
-        days), or h5py or hdf5plugin is not installed.
-    OSError
-        A write failed, for example on a full disk; HDF5 closes the file in any case.
-    """
+    """Write a DSEC file."""
     h5py = load_h5py()
     import hdf5plugin
 
@@ -145,21 +122,9 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 def end_us(start_us: int, t_offset_us: int) -> int:
     """Return the time before which events must end.
 
-    Parameters
-    ----------
-    start_us
-        Time of the first event.
-    t_offset_us
-        Start of the clock.
-
     Returns
     -------
     The time, us.
-
-    Raises
-    ------
-    EventFormatError
-        The format cannot store such a start.
     """
     offset_us = _offset_us(start_us, t_offset_us)
     return offset_us + (_MAX_INDEXED_US if offset_us else _MAX_SPAN_US)
@@ -189,13 +154,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def read_header(path: Path) -> Header:
-    """Read size, model, origin and t_offset; the files of DSEC itself have only t_offset.
-
-    Raises
-    ------
-    EventFormatError
-        The file is not HDF5, or an attribute is damaged or has a wrong type.
-    """
+    """Read size, model, origin and t_offset; the files of DSEC itself have only t_offset."""
     with _opened(path) as file:
         found: dict[str, Any] = {}
         for name in _ATTRIBUTES:
@@ -244,26 +203,7 @@ def _text(value: Any) -> str:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Read the events of a DSEC file; t_offset is added to the times.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        A dataset is missing, damaged, or has a wrong type or length, or the events are not a valid
-        stream.
-    """
+    """Read the events of a DSEC file; t_offset is added to the times."""
     width, height = header.size
     with _opened(path) as file:
         columns = {name: integers(file, f"events/{name}") for name in _COLUMNS}
@@ -294,13 +234,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
 
 
 def read_triggers(path: Path) -> Triggers:
-    """Read the external triggers of a DSEC file; none if no group `triggers` has any.
-
-    Raises
-    ------
-    EventFormatError
-        A dataset is missing, damaged, or has a wrong type or length.
-    """
+    """Read the external triggers of a DSEC file; none if no group `triggers` has any."""
     with _opened(path) as file:
         if not _has_triggers(file):
             return NO_TRIGGERS
@@ -317,22 +251,7 @@ def _has_triggers(file: Any) -> bool:
 
 
 def integers(file: Any, name: str) -> Any:
-    """Return a 1-D dataset of integers.
-
-    Parameters
-    ----------
-    file, name
-        The h5py file, and the name of the dataset.
-
-    Returns
-    -------
-    The h5py dataset.
-
-    Raises
-    ------
-    EventFormatError
-        The dataset is missing, not 1-D, or not of integers.
-    """
+    """Return a 1-D dataset of integers."""
     with reading(name):
         if name not in file:
             raise EventFormatError("missing")
@@ -343,28 +262,7 @@ def integers(file: Any, name: str) -> Any:
 
 
 def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
-    """Convert a part to `Events` and check its values.
-
-    Parameters
-    ----------
-    values
-        The columns t, x, y, p as stored.
-    start
-        Index of the first event, for errors.
-    offset_us
-        Offset of the times.
-    header
-        Size and model.
-
-    Returns
-    -------
-    Events
-
-    Raises
-    ------
-    EventFormatError
-        A value is out of range, or times run backwards.
-    """
+    """Convert a part to `Events` and check its values."""
     width, height = header.size
     limits = {"t": 1 << 62, "x": width, "y": height, "p": 2}
     for name, limit in limits.items():

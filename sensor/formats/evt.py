@@ -107,30 +107,7 @@ def _new_state() -> np.ndarray:
 
 
 def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> int:
-    """Write a RAW file.
-
-    Parameters
-    ----------
-    path
-        The new file.
-    header
-        Size, model, origin and start of the clock.
-    parts
-        Consecutive parts of one stream.
-    codec
-        EVT2 or EVT3.
-
-    Returns
-    -------
-    int
-        Number of events.
-
-    Raises
-    ------
-    EventFormatError
-        The sensor has more than 2048 pixels per side, a time is outside [0, 2^40) us, or a trigger
-        is on a channel that the format lacks.
-    """
+    """Write a RAW file."""
     width, height = header.size
     if max(width, height) > MAX_SIDE_PX:
         raise EventFormatError(
@@ -242,21 +219,9 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
 def end_us(start_us: int, t_offset_us: int) -> int:
     """Return the time before which events must end.
 
-    Parameters
-    ----------
-    start_us
-        Time of the first event.
-    t_offset_us
-        Start of the clock.
-
     Returns
     -------
     The time, us.
-
-    Raises
-    ------
-    EventFormatError
-        The format cannot store such a start.
     """
     return _start_us(start_us, t_offset_us) + MAX_TIME_US
 
@@ -287,13 +252,7 @@ class _Raw:
 
 
 def read_version(path: Path) -> str:
-    """Return the version of a RAW file, `evt2` or `evt3`.
-
-    Raises
-    ------
-    EventFormatError
-        The header has no version, or one other than EVT2 and EVT3.
-    """
+    """Return the version of a RAW file, `evt2` or `evt3`."""
     with reading(path, "Prophesee RAW"), path.open("rb") as file:
         version = _read_raw(file).version
     if version is None:
@@ -305,24 +264,7 @@ def read_version(path: Path) -> str:
 
 
 def read_header(path: Path, codec: Codec) -> Header:
-    """Read the header of a RAW file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    codec
-        EVT2 or EVT3.
-
-    Returns
-    -------
-    Header
-
-    Raises
-    ------
-    EventFormatError
-        The header is damaged or has a different version.
-    """
+    """Read the header of a RAW file."""
     with path.open("rb") as file:
         return _of_version(_read_raw(file), codec).header
 
@@ -426,27 +368,6 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     Events before the first word with a time or a row are skipped, as in Prophesee's decoders; the
     log reports their number. Where the low part of the clock steps back, as in files of some
     cameras, events get the time of the event before them; the log reports this too.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-    codec
-        EVT2 or EVT3.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        A word is unknown, an event is outside the sensor or earlier than the one before it, the
-        last word is truncated, or the number of events or of triggers differs from that in the
-        header.
     """
     width, height = header.size
     size = np.dtype(codec.word).itemsize
@@ -515,25 +436,7 @@ def _check_count(expected: int | None, found: int, what: str, offset: int) -> No
 
 
 def read_triggers(path: Path, codec: Codec) -> Triggers:
-    """Read the external triggers of a RAW file, from all of its words.
-
-    Parameters
-    ----------
-    path
-        The file.
-    codec
-        EVT2 or EVT3.
-
-    Returns
-    -------
-    Triggers
-
-    Raises
-    ------
-    EventFormatError
-        The header is damaged, times run backwards, the last word is truncated, or the number of
-        triggers differs from that in the header.
-    """
+    """Read the external triggers of a RAW file, from all of its words."""
     state = _new_state()
     found = []
     count = 0

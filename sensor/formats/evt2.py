@@ -42,16 +42,10 @@ def encode(events, width, state, words):
 
     Parameters
     ----------
-    events, width
-        `Columns`, and width of the sensor.
     state
         (STATE_SIZE,) int64, updated.
     words
         (m,) uint32 output.
-
-    Returns
-    -------
-    events taken, words made
     """
     t, x, y, p = events
     made = 0
@@ -87,16 +81,8 @@ def decode(words, width, height, state, events):
     ----------
     words
         (m,) uint32.
-    width, height
-        Size of the sensor.
     state
         (STATE_SIZE,) int64, updated.
-    events
-        `Columns`, output.
-
-    Returns
-    -------
-    words taken, events made, why it stopped (DONE, FULL, ...)
     """
     t, x, y, p = events
     made = 0

@@ -57,16 +57,10 @@ def encode(events, width, state, words):
 
     Parameters
     ----------
-    events, width
-        `Columns`, and width of the sensor.
     state
         (STATE_SIZE,) int64, updated.
     words
         (m,) uint16 output.
-
-    Returns
-    -------
-    events taken, words made
     """
     t, x, y, p = events
     made = 0
@@ -138,16 +132,8 @@ def decode(words, width, height, state, events):
     ----------
     words
         (m,) uint16.
-    width, height
-        Size of the sensor.
     state
         (STATE_SIZE,) int64, updated.
-    events
-        `Columns`, output.
-
-    Returns
-    -------
-    words taken, events made, why it stopped (DONE, FULL, ...)
     """
     t, x, y, p = events
     made = 0

@@ -32,13 +32,7 @@ SYSTEMS = {
 
 
 def system_of(fields: dict[str, str]) -> System | None:
-    """Return the system that a header names, None if it is unknown or not Prophesee's.
-
-    Parameters
-    ----------
-    fields
-        Values of the header by their keys.
-    """
+    """Return the system that a header names, None if it is unknown or not Prophesee's."""
     makers = {fields.get(key, "Prophesee") for key in _MAKERS}
     number = fields.get("system_ID", "")
     if makers != {"Prophesee"} or not (number.isascii() and number.isdigit()):

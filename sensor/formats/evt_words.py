@@ -52,19 +52,7 @@ class Layout(NamedTuple):
 
 @jit
 def turned(high, new, wrap):
-    """Return the high part of the time after a word of the clock; count wraps of the clock.
-
-    Parameters
-    ----------
-    high
-        The high part before, with wraps; negative at the start.
-    new, wrap
-        Value of the word, and number of values.
-
-    Returns
-    -------
-    The high part, with wraps.
-    """
+    """Return the high part of the time after a word of the clock; count wraps of the clock."""
     if high < 0:
         return new
     before = high % wrap
@@ -82,16 +70,8 @@ def held(time, last, low_bits, state):
 
     Parameters
     ----------
-    time, last
-        Of the event, and of the one before it.
-    low_bits
-        Size of the low part.
     state
         (STATE_SIZE,) int64; counts such events and holds their largest step.
-
-    Returns
-    -------
-    The time.
     """
     if time >= last or time >> low_bits != last >> low_bits:
         return time
@@ -108,16 +88,8 @@ def decode_triggers(words, layout, state, t_us, channel, p):
     ----------
     words
         (m,) uint32 or uint16.
-    layout
-        `Layout`.
     state
         (STATE_SIZE,) int64, updated.
-    t_us, channel, p
-        Columns of `Triggers`, output, with room for all.
-
-    Returns
-    -------
-    Number of triggers.
     """
     wrap = 1 << layout.high_bits
     low_values = 1 << layout.low_bits

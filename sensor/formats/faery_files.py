@@ -28,13 +28,7 @@ _MAX_TIME_US = 1 << 62
 
 @contextmanager
 def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
-    """Start faery; at the end, raise its error unless it ended well or we stopped reading.
-
-    Raises
-    ------
-    EventFormatError
-        faery is not installed, or it cannot read the file.
-    """
+    """Start faery; at the end, raise its error unless it ended well or we stopped reading."""
     if importlib.util.find_spec("faery") is None:
         raise EventFormatError(
             f"{kind} needs faery, which is not installed: in a checkout, pip install '.[formats]'"
@@ -80,24 +74,7 @@ def _header(pipe: IO[bytes]) -> Header:
 
 
 def read_header(path: Path, kind: str) -> Header:
-    """Read the header of a file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind
-        aedat4, dat or es.
-
-    Returns
-    -------
-    Header
-
-    Raises
-    ------
-    EventFormatError
-        faery is not installed, or it cannot read the file.
-    """
+    """Read the header of a file."""
     with path.open("rb") as file:
         start = file.read(14)
     if kind == "aedat4" and start.startswith(b"#!AER-DAT") and start[9:12] != b"4.0":
@@ -110,29 +87,7 @@ def read_header(path: Path, kind: str) -> Header:
 
 
 def read(path: Path, header: Header, kind: str, *, sort: bool = False) -> Iterator[Events]:
-    """Read the events of a file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-    kind
-        aedat4, dat or es.
-    sort
-        Sort the events by time, with all of them in memory.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        faery is not installed or cannot read the file, or the events are not a valid stream.
-    """
+    """Read the events of a file."""
     none = no_events(*header.size, header.model)
     yield from batching.in_order(_packets(path, none, kind), none, sort=sort)
 

@@ -84,17 +84,7 @@ def _columns(packet: Any, kind: str, height: int) -> Any:
 
 
 def main(kind: str, path: str, only_header: bool) -> None:
-    """Decode a file to standard output.
-
-    Parameters
-    ----------
-    kind
-        aedat4, dat or es.
-    path
-        The file.
-    only_header
-        Stop after the header.
-    """
+    """Decode a file to standard output."""
     out = sys.stdout.buffer
     header, packets = _opened(kind, path)
     out.write(json.dumps(header).encode() + b"\n")

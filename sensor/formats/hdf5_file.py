@@ -23,13 +23,7 @@ _Part = TypeVar("_Part")
 
 
 def load_h5py() -> Any:
-    """Return h5py with the filters of hdf5plugin.
-
-    Raises
-    ------
-    EventFormatError
-        h5py or hdf5plugin is not installed.
-    """
+    """Return h5py with the filters of hdf5plugin."""
     try:
         import h5py
         import hdf5plugin  # noqa: F401
@@ -41,13 +35,7 @@ def load_h5py() -> Any:
 
 
 def check_stored(*datasets: Any) -> None:
-    """Refuse datasets that are not stored: HDF5 reads what was never written as zeros.
-
-    Raises
-    ------
-    EventFormatError
-        Their chunks declare far more than the file has; see `check_growth`.
-    """
+    """Refuse datasets that are not stored: HDF5 reads what was never written as zeros."""
     declared = 0
     for one in datasets:
         chunks = one.chunks or one.shape  # a chunk is decompressed as a whole
@@ -100,18 +88,7 @@ class Storage:
         self._file.close()
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Set the position in the file.
-
-        Parameters
-        ----------
-        offset, whence
-            As in `io.IOBase.seek`; HDF5 uses only the start and the end.
-
-        Returns
-        -------
-        int
-            The position.
-        """
+        """Set the position in the file."""
         self._at = offset if whence == os.SEEK_SET else self._file.seek(offset, whence)
         return self._at
 
@@ -172,27 +149,7 @@ class Storage:
 
 @contextmanager
 def writable(path: Path, *, new: bool) -> Iterator[tuple[Any, Storage]]:
-    """Open an HDF5 file to write; signals are held, except where `Storage.each` makes a part.
-
-    Parameters
-    ----------
-    path
-        The file.
-    new
-        Create it, or else change an existing one.
-
-    Yields
-    ------
-    h5py.File, Storage
-        The file, and its storage.
-
-    Raises
-    ------
-    EventFormatError
-        h5py or hdf5plugin is not installed.
-    OSError
-        A write failed; raised by the storage, or at the end.
-    """
+    """Open an HDF5 file to write; signals are held, except where `Storage.each` makes a part."""
     h5py = load_h5py()
     with held_signals() as signals:
         storage = Storage(path, signals, new=new)

@@ -147,13 +147,7 @@ def model_to_json(model: SensorModel) -> str:
 
 
 def model_from_json(text: str) -> SensorModel:
-    """Convert the line of `model_to_json` to a model; missing parameters have their defaults.
-
-    Raises
-    ------
-    EventFormatError
-        The text is not JSON, or has an unknown parameter or an invalid value.
-    """
+    """Convert the line of `model_to_json` to a model; missing parameters have their defaults."""
     table = _table(text, "sensor_model")
     if table.get("poles") in (1, 2) and "photoreceptor" not in table:  # in older files
         table["photoreceptor"] = "two_pole" if table.pop("poles") == 2 else "one_pole"
@@ -174,13 +168,7 @@ def model_from_json(text: str) -> SensorModel:
 
 
 def origin_to_json(origin: Mapping[str, Value]) -> str:
-    """Convert an origin to one line of JSON.
-
-    Raises
-    ------
-    EventFormatError
-        The line is longer than readers accept.
-    """
+    """Convert an origin to one line of JSON."""
     text = json.dumps(dict(origin))
     if len(text) > _MOST_CHARACTERS:
         raise EventFormatError(
@@ -190,13 +178,7 @@ def origin_to_json(origin: Mapping[str, Value]) -> str:
 
 
 def origin_from_json(text: str) -> dict[str, Value]:
-    """Convert the line of `origin_to_json` to an origin, without a check of its entries.
-
-    Raises
-    ------
-    EventFormatError
-        The text is not a JSON object.
-    """
+    """Convert the line of `origin_to_json` to an origin, without a check of its entries."""
     return _table(text, "origin")
 
 

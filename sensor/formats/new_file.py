@@ -22,22 +22,6 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
 
     A file beside it is locked meanwhile, by which commands tell it from what a killed process left.
     The file itself is not, as libraries such as HDF5 lock what they write.
-
-    Parameters
-    ----------
-    path
-        The file.
-    overwrite
-        Whether to replace a file.
-
-    Yields
-    ------
-    The temporary name.
-
-    Raises
-    ------
-    FileExistsError
-        The file exists at the end, and is not to be replaced.
     """
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.

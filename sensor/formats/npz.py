@@ -48,20 +48,6 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
     The length of an array precedes its values, and that of a stream is unknown before its end. So
     the columns are first written to temporary files, which need as much disk space again.
-
-    Parameters
-    ----------
-    path
-        The new file.
-    header
-        Size, model, origin and start of the clock.
-    parts
-        Consecutive parts of one stream.
-
-    Returns
-    -------
-    int
-        Number of events.
     """
     count = 0
     path.open("wb").close()  # errors then name the file, not a temporary one
@@ -141,13 +127,7 @@ def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
 
 
 def read_header(path: Path) -> Header:
-    """Read the size, model, origin and start of the clock of an npz file.
-
-    Raises
-    ------
-    EventFormatError
-        The file is not zip, or one of these entries is damaged.
-    """
+    """Read the size, model, origin and start of the clock of an npz file."""
     with zipfile.ZipFile(path) as archive:
         width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
         model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
@@ -164,26 +144,7 @@ def read_header(path: Path) -> Header:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Read the events of an npz file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        A column is missing, damaged, or has a wrong dtype or length, or the events are not a valid
-        stream.
-    """
+    """Read the events of an npz file."""
     width, height = header.size
     with zipfile.ZipFile(path) as archive, ExitStack() as stack:
         entries = {}
@@ -227,13 +188,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
 
 
 def read_triggers(path: Path) -> Triggers:
-    """Read the external triggers of an npz file; none if it has no entries of them.
-
-    Raises
-    ------
-    EventFormatError
-        An entry is missing, damaged, or has a wrong dtype or length.
-    """
+    """Read the external triggers of an npz file; none if it has no entries of them."""
     with zipfile.ZipFile(path) as archive:
         if not any(f"{name}.npy" in archive.namelist() for name in _TRIGGERS):
             return NO_TRIGGERS

@@ -370,15 +370,7 @@ def _noting(parts: Iterable[Events], errors: list[Exception]) -> Iterator[Events
 
 
 def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
-    """Warn that a format does not store something.
-
-    Parameters
-    ----------
-    path, format
-        The file and its format.
-    names
-        Names of the lost parts; no warning if empty.
-    """
+    """Warn that a format does not store something."""
     if names:
         _log.warning("%s: %s cannot store %s", path, format.title, ", ".join(names))
 

@@ -30,13 +30,7 @@ _EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("on
 
 
 def _opened(path: Path) -> Any:
-    """Open a bag.
-
-    Raises
-    ------
-    EventFormatError
-        rosbags is not installed.
-    """
+    """Open a bag."""
     if importlib.util.find_spec("rosbags") is None:
         raise EventFormatError(
             "bag needs rosbags, which is not installed: in a checkout, pip install '.[formats]'"
@@ -75,25 +69,7 @@ def _chosen(reader: Any, topic: str | None) -> list[Any]:
 
 
 def read_header(path: Path, *, topic: str | None = None) -> Header:
-    """Read the size of the sensor from the first message of a topic.
-
-    Parameters
-    ----------
-    path
-        The file.
-    topic
-        Topic of the events; None for all.
-
-    Returns
-    -------
-    Header
-        With a size if all topics that are asked for have the same, and the names of the others.
-
-    Raises
-    ------
-    EventFormatError
-        The file is not a bag, or has no events on this topic.
-    """
+    """Read the size of the sensor from the first message of a topic."""
     with _opened(path) as reader:
         kept = _topics(reader) if topic is None else _chosen(reader, topic)
         sizes: set[tuple[int, int]] = set()
@@ -124,30 +100,7 @@ def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
 def read(
     path: Path, header: Header, *, sort: bool = False, topic: str | None = None
 ) -> Iterator[Events]:
-    """Read the events of a bag.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its header, with a size.
-    sort
-        Sort the events by time, with all of them in memory.
-    topic
-        Topic of the events, if there are several.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        The file is damaged, the topic is unknown or not given, or the events are not a valid
-        stream.
-    """
+    """Read the events of a bag."""
     none = no_events(*header.size, header.model)
     yield from batching.in_order(_messages(path, none, topic), none, sort=sort)
 

@@ -286,27 +286,7 @@ def _parse_lines(data, width, height, order, power, sort, state, events):
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write a text file, without model and origin.
-
-    Parameters
-    ----------
-    path
-        The new file.
-    header
-        Size.
-    parts
-        Consecutive parts of one stream.
-
-    Returns
-    -------
-    int
-        Number of events.
-
-    Raises
-    ------
-    EventFormatError
-        A time is beyond 9e12 seconds.
-    """
+    """Write a text file, without model and origin."""
     count = 0
     with path.open("wb") as file:
         file.write(f"{header.width} {header.height}\n".encode())
@@ -334,13 +314,7 @@ class _Start:
 
 
 def read_header(path: Path) -> Header:
-    """Read the size of the sensor from the first line, if the file has it.
-
-    Raises
-    ------
-    EventFormatError
-        The file starts neither with a size nor with names of columns nor with an event.
-    """
+    """Read the size of the sensor from the first line, if the file has it."""
     return _read_start(path).header
 
 
@@ -397,13 +371,7 @@ def _named_columns(line: bytes) -> tuple[tuple[int, ...], str | None] | None:
 
 
 def _power(path: Path, start: _Start, time_unit: str | None) -> int:
-    """Return the power of ten from the file's unit of time to microseconds.
-
-    Raises
-    ------
-    EventFormatError
-        The unit is unknown, is not the one in the file, or is unclear from the file's times.
-    """
+    """Return the power of ten from the file's unit of time to microseconds."""
     if time_unit is not None and time_unit not in TIME_UNITS:
         raise EventFormatError(
             f"time_unit: found {time_unit!r}, expected one of {', '.join(TIME_UNITS)}"
@@ -452,25 +420,8 @@ def read(
 
     Parameters
     ----------
-    path
-        The file.
-    header
-        Its header, with a size.
     time_unit
         Unit of the times, one of `TIME_UNITS`; None uses the line of names, or seconds.
-    sort
-        Sort the events by time, with all of them in memory.
-
-    Yields
-    ------
-    Events
-        At least one part.
-
-    Raises
-    ------
-    EventFormatError
-        A line is not an event of this sensor, a time is earlier than the one before it and `sort`
-        is not set, or the unit of the times is unclear.
     """
     start = _read_start(path)
     power = _power(path, start, time_unit)

@@ -15,13 +15,7 @@ from sensor.gpu.memory import DeviceArray, Scratch, Uploader
 
 
 class ToDevice:
-    """Brings frames onto the GPU, into memory that the next call reuses.
-
-    Parameters
-    ----------
-    threads
-        Number of threads that copy from host memory.
-    """
+    """Brings frames onto the GPU, into memory that the next call reuses."""
 
     def __init__(self, threads: int) -> None:
         self.scratch = Scratch("frames")
@@ -48,23 +42,7 @@ class ToDevice:
 
 
 class DeviceReader:
-    """Reads frames in order as `FrameReader` does, into the memory of a GPU.
-
-    Parameters
-    ----------
-    frames
-        As for `FrameReader`, or arrays on the GPU: (T, H, W), or an iterable of (H, W). These have
-        `__cuda_array_interface__`, as those of CuPy and PyTorch do.
-    count
-        T.
-    to_device
-        Brings frames onto the GPU.
-
-    Raises
-    ------
-    SensorError
-        As for `FrameReader`.
-    """
+    """Reads frames in order as `FrameReader` does, into the memory of a GPU."""
 
     def __init__(self, frames: Frames, count: int, to_device: ToDevice) -> None:
         self._count = count
@@ -99,19 +77,9 @@ class DeviceReader:
     def chunk(self, done: int, most: int) -> DeviceArray:
         """Return the next frames.
 
-        Parameters
-        ----------
-        done, most
-            Number of frames before them, and how many at most.
-
         Returns
         -------
         (F, H, W) linear radiance on the GPU, until the next call.
-
-        Raises
-        ------
-        SensorError
-            As for `FrameReader.chunk`.
         """
         wanted = min(most, self._count - done)
         if self._host is not None:

@@ -45,17 +45,7 @@ class DeviceGroup(SensorGroup):
         rooms: Sequence[Room],
         workers: Workers,
     ) -> Iterator[tuple[int, Events]]:
-        """Simulate a chunk of frames.
-
-        Parameters
-        ----------
-        chunk, index, t_s, rooms, workers
-            As in `SensorGroup.advance`, with the chunk on the GPU.
-
-        Returns
-        -------
-        Iterator, as of `SensorGroup.advance`.
-        """
+        """Simulate a chunk of frames."""
         light = self._light(chunk)
         t_s = t_s / self.speeds[:, None]
         frame_us, after_us = whole_microseconds(t_s)
@@ -146,18 +136,7 @@ class _Chunk:
             start = stop
 
     def write(self, part: slice, held: Events, room: Room) -> Columns:
-        """Fire the events of some intervals, and update the state.
-
-        Parameters
-        ----------
-        part, held, room
-            As for `UnsortedEvents.sort`.
-
-        Returns
-        -------
-        Columns
-            `held`, then the events of the intervals by time, ties of one interval by (y, x).
-        """
+        """Fire the events of some intervals, and update the state."""
         first = int(self._stops[part.start])
         count = int(self._stops[part.stop]) - first
         scratch = self._group.scratch

@@ -44,15 +44,7 @@ _PADDED = SORT_TILE + THREADS
 
 
 def launch(kernel: Any, blocks: Any, *arguments: object, threads: Any = THREADS) -> None:
-    """Run a kernel.
-
-    Parameters
-    ----------
-    kernel, blocks, arguments
-        The kernel, number of blocks, and its arguments.
-    threads
-        Threads of a block.
-    """
+    """Run a kernel."""
     with _WARNS, warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*Grid size .* low occupancy")  # of small sensors
         there = kernel[blocks, threads]
@@ -105,17 +97,7 @@ def _sum_before(values, t, threads):
 
 @functools.cache
 def advance(filtered: bool, noisy: bool) -> Callable[..., Any]:
-    """Return the kernel that advances all pixels of a setting through some frame intervals.
-
-    Parameters
-    ----------
-    filtered, noisy
-        As in `Settings`.
-
-    Returns
-    -------
-    The kernel, compiled at its first launch.
-    """
+    """Return the kernel that advances all pixels of a setting through some frame intervals."""
 
     @cuda.jit
     def kernel(
@@ -302,8 +284,6 @@ def move_by_digit(words, shift, starts, out):
 
     Parameters
     ----------
-    words, shift
-        As in `count_digits`.
     starts
         (digits, tiles) place of the first word of each digit and tile.
     out

@@ -54,11 +54,6 @@ class Scratch:
     """Arrays on the GPU by name. One is valid until the same name is asked for again.
 
     The memory is that of an earlier simulation, if one has ended.
-
-    Parameters
-    ----------
-    user
-        What it is for.
     """
 
     def __init__(self, user: str) -> None:
@@ -67,11 +62,6 @@ class Scratch:
 
     def array(self, name: str, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
         """Return an array of arbitrary content.
-
-        Parameters
-        ----------
-        name, shape, dtype
-            Name of its memory, and as in `numpy.empty`.
 
         Returns
         -------
@@ -128,13 +118,7 @@ RELEASES.append(_release)
 
 
 class Uploader:
-    """Copies arrays to the GPU: threads fill one of two buffers while the GPU reads the other.
-
-    Parameters
-    ----------
-    threads
-        Number of threads; more than a few do not help.
-    """
+    """Copies arrays to the GPU: threads fill one of two buffers while the GPU reads the other."""
 
     def __init__(self, threads: int) -> None:
         self._threads = min(_MOST_COPIERS, threads)

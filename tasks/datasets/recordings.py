@@ -69,25 +69,7 @@ class Recording:
 
 
 def find_recordings(folder: Path) -> list[Recording]:
-    """Find the recordings in a folder and below it, except for hidden folders, sorted by path.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-
-    Returns
-    -------
-    The recordings, at least one.
-
-    Raises
-    ------
-    TaskError
-        There is none, an event file is unfinished or has a format without windows, a clip has no
-        event file, or two clips are the same.
-    EventFormatError, SequenceError
-        A file or a clip is damaged or unfinished.
-    """
+    """Find the recordings in a folder and below it, except for hidden folders, sorted by path."""
     if not folder.is_dir():
         there = "a file" if folder.exists() else "no such folder"
         raise TaskError(f"{folder}: found {there}, expected a folder of recordings")
@@ -235,11 +217,5 @@ def nearest(times_us: np.ndarray, t_us: int) -> int:
     ----------
     times_us
         (T,) times, sorted.
-    t_us
-        The time.
-
-    Returns
-    -------
-    The index.
     """
     return int(np.argmin(np.abs(times_us - t_us)))

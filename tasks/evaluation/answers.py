@@ -38,19 +38,10 @@ def ask(
     task, name
         Task and name of the method. A user's method gets copies of arrays and events: it may change
         them in place, and other methods get the same sample.
-    function, arguments, options
-        What to run.
 
     Returns
     -------
     The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
-
-    Raises
-    ------
-    MethodError
-        The method raised an error; the text names the method and the line.
-    WeightsError
-        Its network cannot run on this sensor or machine.
     """
     if ":" in name:
         arguments = tuple(_copied(one) for one in arguments)
@@ -71,23 +62,7 @@ def ask(
 def ask_each(
     task: str, name: str, function: Callable[..., Iterator[Any]], *arguments: Any
 ) -> Iterator[tuple[Any, float]]:
-    """Run a function of a method that yields answers, one after another.
-
-    Parameters
-    ----------
-    task, name, function, arguments
-        As for `ask`.
-
-    Yields
-    ------
-    Each answer with the CPU time since the one before; at the end None, with the time since the
-    last.
-
-    Raises
-    ------
-    MethodError, WeightsError
-        As `ask` raises them.
-    """
+    """Run a function of a method that yields answers, one after another."""
     answers, spent_s = ask(task, name, function, *arguments)
     answer: Any = ()
     while answer is not None:
@@ -128,22 +103,11 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
 
     Parameters
     ----------
-    task, name
-        Task and name of the method.
     answer
         What it returned: a `FlowEstimate` for a patch, (2, h, w) flow for all pixels.
     nothing
         Flow of a method that does nothing, of the expected shape: (2,) for a patch, (2, h, w) for
         all pixels.
-
-    Returns
-    -------
-    The answer; a failure with `nothing` if the flow is not finite.
-
-    Raises
-    ------
-    MethodError
-        The answer is of another type or shape.
     """
     of_patch = nothing.ndim == 1
     estimate = answer if of_patch else FlowEstimate(answer)
@@ -163,26 +127,7 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
 
 
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:
-    """Check the answer of a tracking method.
-
-    Parameters
-    ----------
-    name
-        Name of the method.
-    sample
-        What the method got.
-    answer
-        What it returned.
-
-    Returns
-    -------
-    The answer; a failure with the initial path if it is not finite.
-
-    Raises
-    ------
-    MethodError
-        The answer is not a `TrackingEstimate` with a path as long as the initial one.
-    """
+    """Check the answer of a tracking method."""
     if not isinstance(answer, TrackingEstimate):
         raise _refusal("tracking", name, _named(answer), "a tasks.tracking.TrackingEstimate")
     _check_failure("tracking", name, answer.failure)
@@ -206,21 +151,12 @@ def image_answer(
 
     Parameters
     ----------
-    task, name
-        Task and name of the method.
-    answer
-        What it returned.
     nothing
         (H, W) image of a method that does nothing, of the expected shape.
 
     Returns
     -------
     The image and "", or `nothing` and the reason if the image is not finite.
-
-    Raises
-    ------
-    MethodError
-        The answer is not an image of that shape.
     """
     image = _numbers(answer, nothing.shape)
     if image is None:

@@ -35,10 +35,6 @@ def central_part(
 
     Parameters
     ----------
-    sequence
-        The frames.
-    truth
-        Ground truth of their camera.
     width, height
         Size of the sensor, px.
 

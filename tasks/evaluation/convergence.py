@@ -89,25 +89,8 @@ def converge(
 
     Parameters
     ----------
-    scene
-        The scene.
     resolution
         Side of frames and sensor, px.
-    duration_s
-        Length of the stretch.
-    on_progress
-        Called with the setting, the number of frames done, and their total.
-
-    Yields
-    ------
-    One outcome for each setting, the finest first.
-
-    Raises
-    ------
-    TaskError
-        The stretch is longer than half the path.
-    RenderError
-        The scene cannot be rendered.
     """
     start_s = 0.5 * scene.duration_s
     if not 0 < duration_s <= start_s:

@@ -48,10 +48,6 @@ def share_of_1280(width: int, height: int) -> float:
     ----------
     width, height
         Of the sensor, px; for a patch, whose side follows the width, the width twice.
-
-    Returns
-    -------
-    The share.
     """
     return width * height / 1280**2
 
@@ -81,15 +77,6 @@ def window_s(method: str) -> float:
 
 def paths_s(method: str, max_events: int, starts: int) -> float:
     """Return the time of one path from each start.
-
-    Parameters
-    ----------
-    method
-        Name of a method of tracking.
-    max_events
-        Largest number of events that it gets.
-    starts
-        Number of starts, of which one is the nearest.
 
     Returns
     -------

@@ -17,10 +17,6 @@ def farther(T_world_cam: Float64, plane: Plane, times: float) -> Float64:
     ----------
     T_world_cam
         (..., 4, 4) poses.
-    plane
-        The plane.
-    times
-        Ratio of the new distance to the old one.
 
     Returns
     -------

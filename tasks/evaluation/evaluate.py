@@ -50,23 +50,13 @@ def evaluate(
 
     Parameters
     ----------
-    sequence
-        Frames: warm-up, then the window.
     truth
         Ground truth of the sequence's scene.
-    settings
-        The sensors, at least one.
     tasks
         Settings of each task, by its name; a task without methods is skipped.
-    on_progress
-        Called after each frame, then after each sensor.
     watch
         Called with each sensor's next events, warm-up included; from several threads, but for one
         sensor from one thread at a time.
-
-    Returns
-    -------
-    Rows, in the order of the sensors and tasks, with timings and the reference.
     """
     at_start = replace(sequence.rendered)
     reference = ReferenceFrames(sequence, truth)

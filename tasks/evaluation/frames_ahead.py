@@ -18,17 +18,6 @@ def frames_ahead(frames: Iterable[T], count: int) -> Iterator[Iterator[T]]:
     """Take frames in a separate thread, up to `FRAMES_AHEAD` in advance.
 
     Rendering and simulating use all cores, but not all of the time. Together they leave few idle.
-
-    Parameters
-    ----------
-    frames
-        The frames; iterated only in that thread.
-    count
-        Their number.
-
-    Yields
-    ------
-    The same frames, in order. After the context no further frame is taken.
     """
     source = iter(frames)
     with ThreadPoolExecutor(1, thread_name_prefix="frames") as taker:

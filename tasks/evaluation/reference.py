@@ -89,27 +89,13 @@ class ReferenceFrames:
         ----------
         width, height
             Size of the sensor, px.
-
-        Returns
-        -------
-        The camera, with its lens.
         """
         camera = self.truth.camera(width)
         # A narrow sensor of a shape that the frames only nearly have may be a pixel higher.
         return camera if camera.height == height else self.truth.camera(width, height)
 
     def features(self, count: int, seed: int) -> Features:
-        """Return features at the window's start, in pixels of the frames.
-
-        Parameters
-        ----------
-        count, seed
-            As for `find_features`.
-
-        Returns
-        -------
-        Features, the same for every sensor.
-        """
+        """Return features at the window's start, in pixels of the frames."""
         manifest = self.sequence.manifest
         key = manifest.scene, manifest.clip
         return self._once(
@@ -124,12 +110,8 @@ class ReferenceFrames:
 
         Parameters
         ----------
-        model
-            The sensor of the video, for its dark level.
         t_s
             Time of the image, seconds of the sequence.
-        equalization
-            As for `tasks.video.picture`.
 
         Returns
         -------

@@ -36,17 +36,7 @@ _WINDOW_S = 1e-6 * WINDOW_US
 
 
 def unlike_two_poles(model: SensorModel) -> str | None:
-    """Return in what a photoreceptor differs from the one that the oracles of video know.
-
-    Parameters
-    ----------
-    model
-        The sensor.
-
-    Returns
-    -------
-    Words for an error; None for two poles with one cutoff, and for ideal pixels.
-    """
+    """Return in what a photoreceptor differs from the one that the oracles of video know."""
     if math.isinf(model.cutoff_hz):
         return None
     if model.photoreceptor != "two_pole":
@@ -412,17 +402,8 @@ def check_methods(
 
     Parameters
     ----------
-    evaluate
-        Settings of each task.
     sizes
         Width and height of every sensor, px, once for each light and speed.
-
-    Raises
-    ------
-    TaskError
-        A method does not exist, is for another task, or its network cannot run.
-    WeightsError
-        What networks keep for all sensors does not fit into memory.
     """
     sizes = list(sizes)
     kept: dict[str, int] = {}

@@ -107,19 +107,7 @@ class JobTimings:
 
 
 def of_one_job(parts: Sequence[JobTimings], before: Rendered) -> JobTimings:
-    """Return the timings of a job whose sensors were evaluated in several parts.
-
-    Parameters
-    ----------
-    parts
-        Timings of the parts, which see the same frames.
-    before
-        What was rendered before the first part.
-
-    Returns
-    -------
-    Their sums.
-    """
+    """Return the timings of a job whose sensors were evaluated in several parts."""
     summed = (
         *("frames", "reading_s", "sensors", "pixel_frames", "events", "simulating_s"),
         *("collecting_s", "scoring_s", "rendered_frames", "rendering_s"),
@@ -141,15 +129,9 @@ def split_shared_time(
 
     Parameters
     ----------
-    rendering_s
-        Time in which frames rendered.
     waiting_s, simulating_s, collecting_s
         Times in which the sensors waited for frames, in which they simulated, and in which they
         waited for the scorers; these do not overlap.
-
-    Returns
-    -------
-    The fields `rendering_s`, `reading_s`, `simulating_s` and `collecting_s` of `JobTimings`.
     """
     working_s = simulating_s + collecting_s
     shared_s = min(max(0.0, rendering_s - waiting_s), working_s)
@@ -172,19 +154,8 @@ def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobT
 
     Parameters
     ----------
-    folder
-        Folder with a file KEY.json for each job.
     jobs
         Keys of the jobs; the files of others, of earlier studies, are left out. None for all.
-
-    Returns
-    -------
-    The timings by scene, sample and number of methods; empty if the folder does not exist.
-
-    Raises
-    ------
-    ResultError
-        A file is not JSON, or a field is missing, unknown or of the wrong type.
     """
     files = [f for f in sorted(folder.glob("*.json")) if jobs is None or f.stem in jobs]
     found = [read_json(JobTimings, file, ResultError) for file in files]

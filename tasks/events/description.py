@@ -21,16 +21,8 @@ def describe(
 
     Parameters
     ----------
-    path
-        The file.
-    format
-        Its format; by default that of its extension or header.
     reading
         How to read it. Without a size, its events may have any position.
-
-    Returns
-    -------
-    Names and values to print.
     """
     header = read_header(path, format=format, topic=reading.topic)
     stored = header.width is not None

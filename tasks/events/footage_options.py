@@ -56,17 +56,6 @@ def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Foota
     ----------
     path
         Folder of a rendered clip, recognized by its manifest; a video; or a folder of images.
-    footage
-        Options for the latter two.
-
-    Returns
-    -------
-    RadianceSequence or Footage
-
-    Raises
-    ------
-    TaskError, SequenceError
-        The path cannot be opened, or options of footage are given for a rendered clip.
     """
     from eres_render import open_sequence
     from tasks.footage import open_footage

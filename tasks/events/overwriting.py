@@ -17,20 +17,6 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
 
     A link is replaced, not what it points to. What a process left that was killed as it wrote the
     file is removed, or named in a warning.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-    overwrite
-        Whether it may be replaced.
-    *sources
-        Files that are read while it is written, or folders of images.
-
-    Raises
-    ------
-    TaskError
-        It exists, and may not be replaced, or is one of the sources, a device or a pipe.
     """
     clear_unfinished(path.parent, path.name)
     for source in sources:

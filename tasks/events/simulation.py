@@ -102,15 +102,7 @@ AS_IN_THE_FRAMES = SimulationOptions()
 
 
 def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
-    """Warn if frames are too coarse for the fill factor of a sensor.
-
-    Parameters
-    ----------
-    frames
-        The frames.
-    model
-        The sensor.
-    """
+    """Warn if frames are too coarse for the fill factor of a sensor."""
     _, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
@@ -124,24 +116,10 @@ def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
 def seen_part(frames: Frames, path: Path, model: SensorModel) -> tuple[slice, slice]:
     """Return the central part of frames that a sensor sees.
 
-    Parameters
-    ----------
-    frames
-        The frames.
-    path
-        Where they are, for the error.
-    model
-        The sensor.
-
     Returns
     -------
     rows, columns
         As of `crop_to_aspect`.
-
-    Raises
-    ------
-    TaskError
-        The sensor is finer than this part.
     """
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     height, width = rows.stop - rows.start, columns.stop - columns.start

@@ -36,23 +36,8 @@ def truth_to_add(
 
     Parameters
     ----------
-    sequence
-        The sequence.
-    model
-        The sensor.
-    speed
-        Factor by which the scene moves faster than it was rendered.
     step_s
         Step between times, seconds of the sequence, from the start of its window to its end.
-
-    Returns
-    -------
-    The function; it takes the path of the file.
-
-    Raises
-    ------
-    TaskError
-        Times would be less than a microsecond apart.
     """
     if 0 < step_s < 1e-6 * speed:
         raise TaskError(
@@ -119,16 +104,8 @@ def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> Add
 
     Parameters
     ----------
-    source
-        The file that has them.
-    names
-        Some of `COPIED`.
     shift_us
         Added to their times, microseconds.
-
-    Returns
-    -------
-    The function; it takes the path of the other file.
     """
 
     def add(path: Path) -> None:

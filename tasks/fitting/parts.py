@@ -45,24 +45,10 @@ class Part(NamedTuple):
 def parts_of(events: Events, seen: Frames | Footage, check: Check) -> tuple[Part, Part | None]:
     """Divide what a camera saw in time.
 
-    Parameters
-    ----------
-    events
-        The recording.
-    seen
-        Frames, of which the stretch with most events is used, or light.
-    check
-        The half that is held out.
-
     Returns
     -------
     The part to fit, and the held-out half, None for "none". A held-out second half begins one frame
     before the middle, so that its pixels have settled there.
-
-    Raises
-    ------
-    TaskError
-        There are too few frames.
     """
     if isinstance(seen, Frames):
         seen = busiest([events], seen)

@@ -30,13 +30,6 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     Returns
     -------
     (S,) microseconds, on the clock of the events.
-
-    Raises
-    ------
-    TaskError
-        The file is missing, or contains something else.
-    EventFormatError
-        The triggers of the recording are damaged.
     """
     if chosen := re.fullmatch(rf"{TRIGGERS}(?::(\d+))?", where):
         channel = None if chosen[1] is None else int(chosen[1])

@@ -19,13 +19,6 @@ def check_size(
         (H, W, ...) its pixel values.
     first
         Height and width of the first, px.
-    place, like
-        The frame, and what it should be like, for the error.
-
-    Raises
-    ------
-    TaskError
-        It has another size.
     """
     if numbers.shape[:2] != first:
         raise TaskError(

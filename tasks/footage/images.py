@@ -37,12 +37,6 @@ def list_images(folder: Path) -> list[Path]:
     """Return the images of a folder, in the order of the numbers in their names.
 
     Hidden files are left out.
-
-    Raises
-    ------
-    TaskError
-        There are fewer than two, they are of several kinds, or their order is not clear, as that of
-        1.5 and 1.12.
     """
     named = (file for file in folder.iterdir() if not file.name.startswith("."))
     files = [file for file in named if file.suffix.lower() in _KINDS]
@@ -79,19 +73,7 @@ def is_exr(file: Path) -> bool:
 
 
 def has_transparency(file: Path, layer: str | None = None) -> bool:
-    """Return whether an image has transparency, which `read_images` leaves out.
-
-    Parameters
-    ----------
-    file
-        The image.
-    layer
-        Layer of an OpenEXR file, see `read_luminance`.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether an image has transparency, which `read_images` leaves out."""
     kind = _KINDS[file.suffix.lower()]
     with reading(file, "an image", TaskError):
         if kind == "tiff":
@@ -134,28 +116,9 @@ def times_ns(
 ) -> list[int]:
     """Return the times of the images of a folder.
 
-    Parameters
-    ----------
-    folder
-        The folder, which may have a timestamps.txt with one time per line.
-    files
-        Its images.
-    fps
-        Frames per second, instead of the file.
-    time_unit
-        Unit of the file, if its first line does not state it.
-    option
-        Option that gives the unit, for errors.
-
     Returns
     -------
     Nanoseconds, increasing, one per image.
-
-    Raises
-    ------
-    TaskError
-        The times or their unit are unknown or given twice, the numbers of times and images differ,
-        or an image is missing from an evenly timed folder.
     """
     file = folder / _TIMES
     if fps is None and not file.exists():
@@ -227,22 +190,9 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
 def read_images(files: list[Path], layer: str | None = None) -> Iterator[NDArray[np.generic]]:
     """Read images one after another.
 
-    Parameters
-    ----------
-    files
-        The images.
-    layer
-        Layer of OpenEXR files, see `read_luminance`.
-
     Yields
     ------
     (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32. Of OpenEXR the luminance.
-
-    Raises
-    ------
-    TaskError
-        An image is damaged, or its size or display window differs from the first one's, or one has
-        floats, which are linear, and the other integers.
     """
     shape: tuple[int, ...] | None = None
     kind = ""

@@ -39,14 +39,8 @@ def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:
 
     Parameters
     ----------
-    footage
-        The footage.
     steps
         (T - 1,) number of intervals into which each interval of the footage is divided.
-
-    Returns
-    -------
-    The footage with 1 + sum(steps) frames.
     """
     own = pairwise(footage.t_s)
     inside = [a + (b - a) * np.arange(n) / n for (a, b), n in zip(own, steps, strict=True)]

@@ -55,25 +55,9 @@ def coding_of(
 ) -> tuple[str, float]:
     """Return the encoding of images like the first, and the light of white.
 
-    Parameters
-    ----------
-    first
-        The first image, as for `Luminance`.
-    given
-        Encoding that the user names, see `sensor.to_linear`; None for none.
-    usual
-        Encoding of integers without a name; that of floats is "linear".
-    path
-        The images, for errors.
-
     Returns
     -------
     The encoding, and 1, or for floats the 99.9th percentile of the finite ones of the first image.
-
-    Raises
-    ------
-    TaskError
-        Floats have another encoding than "linear", or the first image of floats has no light.
     """
     if first.dtype.kind != "f":
         return given or usual, 1.0

@@ -46,19 +46,12 @@ class Mender:
 
         Parameters
         ----------
-        file
-            The image.
         light
             (H, W) linear radiance.
 
         Returns
         -------
         (H, W) finite, 0 or more.
-
-        Raises
-        ------
-        TaskError
-            A pixel is invalid, and pixels are not mended or all are invalid.
         """
         if light.min() >= 0 and light.max() < np.inf:  # NaN shows in both
             return light
@@ -79,13 +72,7 @@ class Mender:
         return _filled(np.where(valid, np.maximum(light, 0), np.float32(np.nan)))
 
     def warn(self, footage: Path) -> None:
-        """Warn of the pixels that were mended, if there were any.
-
-        Parameters
-        ----------
-        footage
-            The folder of the images, for the warning.
-        """
+        """Warn of the pixels that were mended, if there were any."""
         for counts, what in (
             (self._black, "a little below 0, and are black"),
             (self._repaired, "not finite, or below 0, and have the median of their neighbors"),

@@ -29,13 +29,6 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
 
     Only motion across edges counts: along them the light does not change, nor in plain areas.
 
-    Parameters
-    ----------
-    footage
-        The footage.
-    on_progress
-        Called after each frame.
-
     Returns
     -------
     (T - 1,) 95th percentile of the displacements of the edges between each pair of frames, px of
@@ -93,8 +86,6 @@ def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
     ----------
     light
         (H, W) linear radiance.
-    white_level
-        Radiance of white.
 
     Returns
     -------

@@ -54,20 +54,12 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
 
     Parameters
     ----------
-    path
-        The video.
     fps
         Frames per second, instead of the video's own times, which may be uneven.
 
     Returns
     -------
     Nanoseconds, increasing, one per frame.
-
-    Raises
-    ------
-    TaskError
-        The video cannot be read, has fewer than two frames, or frames without a time or at the same
-        time.
     """
     with _open(path) as (container, stream):
         shown = [
@@ -178,19 +170,8 @@ def tagged_encoding(path: Path, encoding: str | None) -> str:
 
     Parameters
     ----------
-    path
-        The video.
     encoding
         Transfer function that the user gave, in place of that of the tags.
-
-    Returns
-    -------
-    As for `sensor.to_linear`; "rec709" without tags.
-
-    Raises
-    ------
-    TaskError
-        The tags name one that `sensor.to_linear` lacks, and no encoding is given.
     """
     with _open(path) as (_, stream):
         codec = stream.codec_context
@@ -220,23 +201,10 @@ def _is_shown(packet: Any, codec: str) -> bool:
 def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     """Decode the frames of a video one after another.
 
-    Parameters
-    ----------
-    path
-        The video.
-    count
-        Number of its frames.
-
     Yields
     ------
     (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
     Frames are rotated and mirrored by the video's display matrix, which phones write.
-
-    Raises
-    ------
-    TaskError
-        The video is damaged, has another number of frames, frames differ in size, or its display
-        matrix does not rotate by a multiple of 90 degrees.
     """
     found, size = 0, None
     with _open(path) as (container, stream):

@@ -17,31 +17,7 @@ from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
 def make_on_workers(
     address: str, settings: DatasetSettings, numbers: Sequence[int], out: Path
 ) -> Iterator[int]:
-    """Make sequences on the workers of a Dask scheduler.
-
-    Parameters
-    ----------
-    address
-        Address of the scheduler.
-    settings
-        Settings of the dataset.
-    numbers
-        Numbers of the sequences.
-    out
-        Folder of the dataset, on a disk that all workers share.
-
-    Yields
-    ------
-    The number of each sequence, as soon as it is complete.
-
-    Raises
-    ------
-    TaskError
-        The cluster cannot be reached or ends, or its workers die, have another version, or do not
-        see the folder.
-    RenderError, SensorError, OSError
-        As the workers raise them.
-    """
+    """Make sequences on the workers of a Dask scheduler."""
     with connected(address) as client:
         from distributed import as_completed
 

@@ -16,20 +16,7 @@ _MOST_CORES = 2  # cores that one sequence keeps busy
 
 
 def estimate(settings: DatasetSettings, count: int) -> str:
-    """Describe in one line what sequences take.
-
-    Parameters
-    ----------
-    settings
-        Settings of the dataset.
-    count
-        Number of sequences to make.
-
-    Returns
-    -------
-    text
-        Frames, disk and time, roughly.
-    """
+    """Describe in one line what sequences take."""
     views = count * (1 if settings.baseline_m is None else 2)
     width, height = settings.sensor.size
     pixels = width * height

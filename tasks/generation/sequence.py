@@ -39,33 +39,14 @@ UNFINISHED = ".unfinished"
 
 
 def sequence_folder(out: Path, number: int) -> Path:
-    """Return the folder of a complete sequence.
-
-    Parameters
-    ----------
-    out, number
-        Folder of the dataset, number of the sequence.
-
-    Returns
-    -------
-    folder
-        The folder, which may not exist.
-    """
+    """Return the folder of a complete sequence."""
     return out / f"{number:06d}"
 
 
 def complete_sequence(
     settings: DatasetSettings, number: int, out: Path, on_progress: Progress = silent
 ) -> None:
-    """Make or finish a sequence, and give its folder the final name.
-
-    Parameters
-    ----------
-    settings, number, on_progress
-        As in `make_sequence`.
-    out
-        Folder of the dataset.
-    """
+    """Make or finish a sequence, and give its folder the final name."""
     folder = sequence_folder(out, number)
     made = out / UNFINISHED / folder.name
     make_sequence(settings, number, made, on_progress)

@@ -190,20 +190,7 @@ def _whole_microseconds(seconds: float) -> float:
 
 
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
-    """Write the settings of a dataset into its folder, or check that they match those in it.
-
-    Parameters
-    ----------
-    settings
-        The settings.
-    out
-        Folder of the dataset; made if it does not exist.
-
-    Raises
-    ------
-    TaskError
-        The folder holds a dataset with other settings or other files, or it is a file.
-    """
+    """Write the settings of a dataset into its folder, or check that they match those in it."""
     if out.exists() and not out.is_dir():
         raise TaskError(f"{out}: found a file, expected a folder for the dataset")
     file, table = out / FILE_NAME, _table(settings)

@@ -22,20 +22,7 @@ _SHOWN = 4  # names that a message lists
 
 
 def write_checkpoint(file: Path, content: Mapping[str, Any]) -> None:
-    """Write a file that `read_checkpoint` reads.
-
-    Parameters
-    ----------
-    file
-        The file, which appears under its name only when it is complete.
-    content
-        Tensors and plain values by name.
-
-    Raises
-    ------
-    RenderError
-        The file cannot be written.
-    """
+    """Write a file that `read_checkpoint` reads."""
     data = io.BytesIO()  # PyTorch reports a full disk as a RuntimeError without the reason
     torch.save(content, data)
     write_bytes(file, data.getbuffer())
@@ -45,20 +32,6 @@ def read_checkpoint(file: Path) -> Any:
     """Read a file that `write_checkpoint` or `torch.save` wrote.
 
     Only tensors and plain values are read, since a pickle of other classes could run code.
-
-    Parameters
-    ----------
-    file
-        The file.
-
-    Returns
-    -------
-    Its content.
-
-    Raises
-    ------
-    WeightsError
-        The file is missing, damaged, not a checkpoint, or holds other classes.
     """
     with reading(file, "a PyTorch checkpoint", WeightsError):
         _check_entries(file)
@@ -90,24 +63,7 @@ def _check_entries(file: Path) -> None:
 
 
 def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
-    """Return a state dict from the content of a checkpoint.
-
-    Parameters
-    ----------
-    found
-        The content.
-    file
-        The file that it was read from, for errors.
-
-    Returns
-    -------
-    Tensors by name.
-
-    Raises
-    ------
-    WeightsError
-        The content is anything other than tensors by name.
-    """
+    """Return a state dict from the content of a checkpoint."""
     entries = found.items() if isinstance(found, Mapping) else ()
     if not entries or not all(isinstance(k, str) and isinstance(v, Tensor) for k, v in entries):
         raise WeightsError(f"{file}: found {held(found)}, expected tensors by name")
@@ -124,23 +80,7 @@ def held(found: Any) -> str:
 
 
 def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> None:
-    """Put weights into a network that was made on the device "meta".
-
-    Parameters
-    ----------
-    network
-        The network.
-    state
-        Tensors by name.
-    file
-        The file that they were read from, for errors.
-
-    Raises
-    ------
-    WeightsError
-        An entry is missing, unexpected, of another shape or kind, or not finite; the message names
-        it.
-    """
+    """Put weights into a network that was made on the device "meta"."""
     expected = network.state_dict()
     for name in expected:
         if name not in state:
@@ -181,24 +121,7 @@ def _plain(one: torch.dtype | torch.layout) -> str:
 
 
 def check_bins(bins: int, file: Path) -> int:
-    """Return the number of bins of a network's voxel grids, if there can be so many.
-
-    Parameters
-    ----------
-    bins
-        Number of channels of its input.
-    file
-        The file that its weights were read from, for errors.
-
-    Returns
-    -------
-    The number.
-
-    Raises
-    ------
-    WeightsError
-        There are fewer than two.
-    """
+    """Return the number of bins of a network's voxel grids, if there can be so many."""
     if bins < 2:
         raise WeightsError(f"{file}: found {bins} bins of voxel grids, expected at least 2")
     return bins

@@ -110,8 +110,6 @@ def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
         (N, rows, w, channels) features and (N, rows, w, 2) places of the block.
     new
         (N, channels, h', w') features, each the mean of `pooled` x `pooled` cells.
-    pooled
-        Number of pooled cells along each axis.
     """
     count, rows, width, channels = old.shape
     x, y = (places / pooled).reshape(-1, 2).T

@@ -20,14 +20,10 @@ def look_up(first, last, old, new, scale, places, products, found):
 
     Parameters
     ----------
-    first, last
-        The first row, and the one after the last.
     old
         (h, w, channels) float32 features.
     new
         (h', w', channels) float32 features, each the mean of `1 / scale` cells along each axis.
-    scale
-        Cells of `new` per cell of `old` along each axis, float32.
     places
         (2, h, w) float32, x first, in cells of `old`; integers are centers.
     products

@@ -29,15 +29,6 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
 
     Its CPU time, helper threads included, counts as that of the calling thread
     (`tasks.cpu_time`). Convolutions are in bfloat16 if the processor supports it.
-
-    Parameters
-    ----------
-    function, arguments
-        What to run.
-
-    Returns
-    -------
-    What the function returns.
     """
     answer, spent_s = _networks.submit(_counted, function, arguments).result()
     add_cpu_s(spent_s)

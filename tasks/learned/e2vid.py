@@ -29,15 +29,7 @@ _KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our networ
 
 
 class E2vidNetwork:
-    """E2VID with its weights.
-
-    Parameters
-    ----------
-    network
-        The network.
-    name
-        Its name in errors.
-    """
+    """E2VID with its weights."""
 
     def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
         self._network, self._name = network.eval(), name
@@ -54,11 +46,6 @@ class E2vidNetwork:
         ----------
         width, height
             Size of the sensor, px.
-
-        Raises
-        ------
-        WeightsError
-            The sensor is too small, or the network needs more memory than there is.
         """
         multiple = 2**self._network.options.num_encoders
         side = min(width, height)
@@ -85,10 +72,6 @@ class E2vidNetwork:
         ----------
         width, height
             Size of the sensor, px.
-
-        Returns
-        -------
-        Bytes of its states and images.
         """
         options = self._network.options
         parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
@@ -105,8 +88,6 @@ class E2vidNetwork:
         ----------
         grid
             (bins, height, width) voxel grid of the window, normalized.
-        states
-            What the previous window returned; None at the start.
 
         Returns
         -------
@@ -132,12 +113,6 @@ def reflected(grid: Tensor, multiple: int) -> Tensor:
     ----------
     grid
         (..., H, W).
-    multiple
-        The number.
-
-    Returns
-    -------
-    The padded grid.
     """
     height, width = grid.shape[-2:]
     more = (-width % multiple, -height % multiple)
@@ -153,15 +128,6 @@ def load(file: Path) -> E2vidNetwork:
     file
         A checkpoint as published: a table with `arch`, `state_dict` and, under `model` or under
         `config`, the options.
-
-    Returns
-    -------
-    The network.
-
-    Raises
-    ------
-    WeightsError
-        The file cannot be read, is of another network, or its options are not those of its weights.
     """
     found = read_checkpoint(file)
     if not isinstance(found, Mapping) or "state_dict" not in found:
@@ -178,24 +144,7 @@ def load(file: Path) -> E2vidNetwork:
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
-    """Return the options of the network to which weights belong.
-
-    Parameters
-    ----------
-    state
-        Tensors by name.
-    file
-        The file that they were read from, for errors.
-
-    Returns
-    -------
-    The options.
-
-    Raises
-    ------
-    WeightsError
-        The weights are of another network.
-    """
+    """Return the options of the network to which weights belong."""
 
     def count(start: str, end: str) -> int:
         names = (f"{_ROOT}{start}.{i}.{end}" for i in range(len(state)))

@@ -71,8 +71,6 @@ class E2VIDRecurrent(nn.Module):
         ----------
         grid
             (N, bins, H, W) voxel grids; H and W are multiples of 2 to the number of encoders.
-        states
-            Those of the previous window; None at the start of a sequence.
 
         Returns
         -------

@@ -28,17 +28,7 @@ _TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for
 
 
 class ERaft:
-    """E-RAFT with its weights.
-
-    Parameters
-    ----------
-    network
-        The network.
-    bins
-        Bins of its voxel grids.
-    name
-        Its name in errors.
-    """
+    """E-RAFT with its weights."""
 
     def __init__(self, network: ERAFT, bins: int, name: str = "eraft") -> None:
         self._network, self.bins, self._name = network.eval(), bins, name
@@ -50,11 +40,6 @@ class ERaft:
         ----------
         width, height
             Size of the sensor, px.
-
-        Raises
-        ------
-        WeightsError
-            The sensor is too small, or the network needs more memory than there is.
         """
         if min(width, height) < LEAST_PX:
             raise WeightsError(
@@ -70,10 +55,6 @@ class ERaft:
         ----------
         width, height
             Size of the sensor, px.
-
-        Returns
-        -------
-        Bytes: none.
         """
         return 0
 
@@ -89,8 +70,6 @@ class ERaft:
         ----------
         old, new
             (bins, height, width) voxel grids of the window before, and of the window itself.
-        iterations
-            Number of updates.
 
         Returns
         -------
@@ -108,22 +87,7 @@ class ERaft:
 
 
 def load(file: Path) -> ERaft:
-    """Read E-RAFT's weights.
-
-    Parameters
-    ----------
-    file
-        A checkpoint as published: a table with the weights under `model`.
-
-    Returns
-    -------
-    The network.
-
-    Raises
-    ------
-    WeightsError
-        The file cannot be read, or is of another network.
-    """
+    """Read E-RAFT's weights."""
     found = read_checkpoint(file)
     model = found.get("model") if isinstance(found, Mapping) else None
     if not isinstance(model, Mapping) or _FIRST not in model:

@@ -23,8 +23,6 @@ class ERAFT(nn.Module):
 
     Parameters
     ----------
-    bins
-        Bins of the voxel grids.
     narrower
         Divisor of the published number of channels of each layer: 1, 2, 4, 8 or 16.
     """
@@ -49,8 +47,6 @@ class ERAFT(nn.Module):
         ----------
         old, new
             (N, bins, H, W) voxel grids of two successive windows.
-        iterations
-            Number of updates of the flow.
         start
             (N, 2, h, w) flow to start from, in cells; zero by default.
 
@@ -88,11 +84,6 @@ def padded(grid: Tensor) -> Tensor:
 
 def cells(height: int, width: int) -> Tensor:
     """Return the coordinates of cells.
-
-    Parameters
-    ----------
-    height, width
-        Number of cells along each axis.
 
     Returns
     -------

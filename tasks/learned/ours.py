@@ -51,21 +51,8 @@ def save(
 
     Parameters
     ----------
-    file
-        The file, which appears under its name only when it is complete.
-    network
-        The network.
-    architecture
-        `RECONSTRUCTION` or `FLOW`.
     light
         "ideal" or "all": the light of the crops on which it was trained.
-    origin
-        Where the weights come from, for readers of the file.
-
-    Raises
-    ------
-    RenderError
-        The file cannot be written.
     """
     weights = {
         name: tensor.cpu().half() if tensor.is_floating_point() else tensor.cpu()

@@ -11,17 +11,10 @@ def check_memory(name: str, width: int, height: int, needed: int) -> None:
 
     Parameters
     ----------
-    name
-        Name of the network, for the error.
     width, height
         Size of the image, px.
     needed
         Memory that it needs, bytes.
-
-    Raises
-    ------
-    WeightsError
-        The network needs more memory than this machine has; the message gives both.
     """
     if needed > (there := memory_bytes()):
         raise WeightsError(

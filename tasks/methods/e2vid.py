@@ -73,21 +73,10 @@ class E2vid:
     ----------
     width, height
         Size of the sensor, px.
-    contrast_threshold
-        Not used: the voxel grids are normalized.
-    network
-        The network with its weights.
     window_us
         Length of the windows, us. They begin at multiples of it, and after images.
     events_per_px
         Number of events per pixel in a window, instead of a length; the original has 0.35.
-
-    Raises
-    ------
-    WeightsError
-        The sensor is too small, or too large for this machine.
-    TaskError
-        A number is out of range.
     """
 
     NAME = "e2vid"  # in errors
@@ -120,13 +109,7 @@ class E2vid:
         self._image: NDArray[np.float64] = np.zeros((height, width))
 
     def push(self, events: Events) -> None:
-        """Take in the next events, and run the network on each window that ends.
-
-        Raises
-        ------
-        TaskError
-            The events are from a sensor of another size.
-        """
+        """Take in the next events, and run the network on each window that ends."""
         if (events.width, events.height) != self._size:
             raise TaskError(
                 f"{self.NAME}: found events of {events.width}x{events.height} px, expected "

@@ -33,21 +33,9 @@ class Network(Protocol):
 def estimate(sample: DenseFlowSample, *, network: Network) -> NDArray[np.float32]:
     """Estimate the flow of every pixel over the window.
 
-    Parameters
-    ----------
-    sample
-        The events of both windows.
-    network
-        The network with its weights.
-
     Returns
     -------
     (2, height, width) px, x first.
-
-    Raises
-    ------
-    WeightsError
-        The sensor is too small, or too large for this machine.
     """
     network.check_size(sample.during.width, sample.during.height)
 

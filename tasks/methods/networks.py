@@ -26,8 +26,6 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
 
     Parameters
     ----------
-    task, name
-        Task and name of the method.
     weights
         Files of weights by the names of methods. Others have the weights that come with eres, if
         there are any.
@@ -35,11 +33,6 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     Returns
     -------
     What the place in the task's `networks` returns; the same object for the same file.
-
-    Raises
-    ------
-    WeightsError
-        There are no weights, PyTorch is not installed, or the file is from another network.
     """
     file = weights_of(name, weights)
     if file is None:
@@ -57,19 +50,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
 
 
 def weights_of(name: str, weights: Mapping[str, str] | None = None) -> str | None:
-    """Return the file of a network's weights.
-
-    Parameters
-    ----------
-    name
-        Name of the method.
-    weights
-        Files of weights by the names of methods.
-
-    Returns
-    -------
-    The given file, or the one that comes with eres; None if there is neither.
-    """
+    """Return the file of a network's weights."""
     if weights and name in weights:
         return weights[name]
     ours = _OURS / f"{name}.pt"
@@ -77,30 +58,12 @@ def weights_of(name: str, weights: Mapping[str, str] | None = None) -> str | Non
 
 
 def digest_of(file: str) -> str:
-    """Return the SHA-256 of a file of weights, in hexadecimal digits.
-
-    Raises
-    ------
-    WeightsError
-        The file cannot be read.
-    """
+    """Return the SHA-256 of a file of weights, in hexadecimal digits."""
     return _digest(*_version(file))
 
 
 def digests(weights: Mapping[str, str] | None, names: Iterable[str]) -> dict[str, str]:
-    """Return the SHA-256 of methods' files of weights, as they are now.
-
-    Parameters
-    ----------
-    weights
-        Files of weights by the names of methods.
-    names
-        Names of methods; those without weights are left out.
-
-    Returns
-    -------
-    Hexadecimal digits by the file.
-    """
+    """Return the SHA-256 of methods' files of weights, as they are now."""
     files = (weights_of(name, weights) for name in names)
     return {file: digest_of(file) for file in files if file}
 
@@ -113,18 +76,6 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     given
         The options, NAME=FILE or FILE. A bare FILE is for the one method that needs weights, or
         else for the one network.
-    methods
-        The methods that are to run.
-
-    Returns
-    -------
-    Absolute paths by the methods' names.
-
-    Raises
-    ------
-    WeightsError
-        A name is not that of a method with a network, or of one that is to run, or is given twice,
-        or a bare FILE fits no method or several.
     """
     known = [name for spec in TASKS.values() for name in spec.networks]
     networks = [name for name in dict.fromkeys(methods) if name in known]
@@ -174,13 +125,6 @@ def check_kept(kept: Mapping[str, int], sensors: int) -> None:
     ----------
     kept
         What each network keeps for all sensors together, bytes, by its name.
-    sensors
-        Number of sensors, each counted once for each light and speed.
-
-    Raises
-    ------
-    WeightsError
-        It does not; the message gives the networks and both sizes.
     """
     if (needed := sum(kept.values())) > _MOST_KEPT * (there := memory_bytes()):
         raise WeightsError(

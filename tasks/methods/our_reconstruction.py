@@ -35,8 +35,6 @@ class InputGrids:
         Size of the sensor, px.
     contrast_threshold
         C, log units.
-    bins
-        Bins of the voxel grids.
     """
 
     def __init__(self, width: int, height: int, contrast_threshold: float, bins: int) -> None:
@@ -47,11 +45,6 @@ class InputGrids:
 
     def push(self, events: Events) -> NDArray[np.float32]:
         """Return the input of the next window.
-
-        Parameters
-        ----------
-        events
-            Events of the window.
 
         Returns
         -------
@@ -75,17 +68,8 @@ class OurReconstruction(E2vid):
         Size of the sensor, px.
     contrast_threshold
         C, log units.
-    network
-        The network with its weights.
     window_us
         Length of the windows, us. They begin at multiples of it, and after images.
-
-    Raises
-    ------
-    WeightsError
-        The sensor is too small, or too large for this machine.
-    TaskError
-        A number is out of range.
     """
 
     NAME = "our reconstruction"

@@ -27,14 +27,10 @@ class TrueLight:
 
     Parameters
     ----------
-    sequence
-        The frames.
     dark_level
         Added to the radiance before the logarithm.
     cutoff_hz
         Corner frequency of each of the photoreceptor's two poles.
-    speed
-        Factor by which the scene moves faster than it was rendered.
     fill_factor
         Light-sensitive share of the area of a pixel.
     """
@@ -55,19 +51,12 @@ class TrueLight:
 
         Parameters
         ----------
-        k
-            Number of the frame.
         width, height
             Size of the sensor, px.
 
         Returns
         -------
         (height, width), log units.
-
-        Raises
-        ------
-        TaskError
-            The frame has values that are negative or not finite.
         """
         try:
             seen = integrate(self.sequence.frame(k), height, width, self.fill_factor)
@@ -84,10 +73,6 @@ class _Oracle:
     ----------
     width, height
         Size of the sensor, px.
-    contrast_threshold
-        Not used.
-    light
-        The truth.
     """
 
     width: int

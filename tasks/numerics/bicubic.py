@@ -20,12 +20,6 @@ def sample(image, x_px, y_px):
     ----------
     image
         (H, W) float64.
-    x_px, y_px
-        The point, with pixel centers at integers + 0.5.
-
-    Returns
-    -------
-    Value, d/dx, d/dy.
     """
     height, width = image.shape
     column = x_px - 0.5

@@ -17,13 +17,7 @@ _LOW_HIGH = (2.5, 97.5)  # percent
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % interval.
-
-    Parameters
-    ----------
-    value, low, high
-        The estimate, and the ends of the interval.
-    """
+    """A number with its 95 % interval."""
 
     value: float
     low: float
@@ -53,18 +47,8 @@ def poisson_rate(count: float, exposure: float, dispersion: float = 1.0) -> Esti
 
     Parameters
     ----------
-    count
-        Number of events.
-    exposure
-        Expected count over the rate.
     dispersion
         Variance over mean of the counts that were added up, 1 for a Poisson process.
-
-    Returns
-    -------
-    Estimate
-        With the exact interval of a Poisson mean (Garwood 1936), for count / dispersion independent
-        events.
     """
     alone = count / dispersion
     low = stats.chi2.ppf(0.025, 2 * alone) / 2 if alone > 0 else 0.0
@@ -74,17 +58,7 @@ def poisson_rate(count: float, exposure: float, dispersion: float = 1.0) -> Esti
 
 
 def share(count: int, total: int) -> Estimate:
-    """Estimate a share, with the exact interval of Clopper and Pearson (1934).
-
-    Parameters
-    ----------
-    count, total
-        Number of cases, and of trials.
-
-    Returns
-    -------
-    Estimate
-    """
+    """Estimate a share, with the exact interval of Clopper and Pearson (1934)."""
     low = stats.beta.ppf(0.025, count, total - count + 1) if count else 0.0
     high = stats.beta.ppf(0.975, count + 1, total - count) if count < total else 1.0
     return Estimate(count / total, float(low), float(high))
@@ -135,11 +109,6 @@ def bootstrap(
         (tiles, K) sums over the data of each tile; the answer depends only on their total.
     answer
         Returns the (A,) numbers to estimate from a (K,) total.
-
-    Returns
-    -------
-    list of A estimates
-        The intervals are percentiles of the answers.
     """
     rng = np.random.default_rng(0)
     tiles = len(sums)

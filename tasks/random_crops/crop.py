@@ -54,8 +54,6 @@ class Crop:
 
         Parameters
         ----------
-        t
-            The time, in windows.
         side_px
             Side of the image, px; it has the same middle as the crop.
 
@@ -82,20 +80,10 @@ def random_crop(
 
     Parameters
     ----------
-    crops
-        What crops look like.
-    windows
-        Number of windows.
-    seed, index
-        Seed of the crops, and which of them.
     light
         "ideal", "all" to draw the cutoff, or the cutoff in Hz.
     held_out
         Whether the crop is one of those that no training sees, whatever its seed.
-
-    Returns
-    -------
-    The crop.
     """
     entropy = [_HELD_OUT, seed] if held_out else [seed]
     rng = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(index,)))

@@ -34,25 +34,7 @@ class _Path:
 def _random_path(
     rng: np.random.Generator, start: float, speed: float, steady: float, largest: float = math.inf
 ) -> _Path:
-    """Draw a path.
-
-    Parameters
-    ----------
-    rng
-        Source of all randomness.
-    start
-        Value at time 0 without the waves.
-    speed
-        Approximate speed of the waves, per window.
-    steady
-        Speed of the steady motion, per window.
-    largest
-        Largest amplitude of a wave.
-
-    Returns
-    -------
-    The path.
-    """
+    """Draw a path."""
     shortest, longest = map(math.log, _PERIODS)
     rates = 2 * math.pi / np.exp(rng.uniform(shortest, longest, _WAVES))
     amplitudes = np.minimum(speed * rng.uniform(0.5, 1.0, _WAVES) / rates, largest)

@@ -53,18 +53,10 @@ def video_sample(crop: Crop, bins: int, run_in: int, ranked_px: int) -> VideoSam
 
     Parameters
     ----------
-    crop
-        The crop.
-    bins
-        Bins of the voxel grids.
     run_in
         Number of windows at the start that are left out; their events still enter the sums.
     ranked_px
         Side of the area with the same middle in which pixels are ranked, px; the crop's or larger.
-
-    Returns
-    -------
-    The sample.
     """
     side_px = crop.events[0].width
     inputs = InputGrids(side_px, side_px, crop.contrast_threshold, bins)
@@ -79,19 +71,7 @@ def video_sample(crop: Crop, bins: int, run_in: int, ranked_px: int) -> VideoSam
 
 
 def flow_sample(crop: Crop, bins: int) -> FlowSample:
-    """Return a sample of dense flow.
-
-    Parameters
-    ----------
-    crop
-        The crop.
-    bins
-        Bins of the voxel grids.
-
-    Returns
-    -------
-    The sample.
-    """
+    """Return a sample of dense flow."""
     grids = [voxel_grid(events, bins, convention="eraft") for events in crop.events]
     flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
     return FlowSample(np.stack(grids), np.stack(flows))

@@ -29,13 +29,6 @@ _MOTIFS = (32, 64, 128)  # sides, texels
 def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
     """Return a periodic texture.
 
-    Parameters
-    ----------
-    rng
-        Source of all randomness.
-    log_contrast
-        Standard deviation of the log intensity before it is clipped.
-
     Returns
     -------
     (512, 512) linear radiance from 0.01 to 1.
@@ -56,13 +49,6 @@ def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
 
 def fractal(rng: np.random.Generator, slope: float) -> Float32:
     """Return periodic noise whose amplitude falls with frequency to a power.
-
-    Parameters
-    ----------
-    rng
-        Source of all randomness.
-    slope
-        The power; 1 is 1/f noise, whose octaves have equal variance.
 
     Returns
     -------

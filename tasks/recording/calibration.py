@@ -45,19 +45,8 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
 
     Parameters
     ----------
-    path
-        The file.
     size
         Width and height of the sensor, px.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    TaskError
-        The file is not such a line, or the numbers do not fit a sensor of this size.
     """
     with reading(path, "text", TaskError):
         text = path.read_text(encoding="utf-8", errors="replace").split()

@@ -30,32 +30,7 @@ def score_dense_flow(
     options: FlowOptions = USUAL_FLOW,
     on_progress: Progress = silent,
 ) -> list[RecordingScore]:
-    """Score dense flow methods on a recording.
-
-    Parameters
-    ----------
-    recording
-        The events.
-    frames
-        Frames of the same camera, if there are any.
-    methods
-        Names, or "package.module:function".
-    weights
-        Files of weights by the names of the methods that need them.
-    options
-        Windows, and the patches around corners.
-    on_progress
-        Called after each window.
-
-    Returns
-    -------
-    Scores of each window, corner and method, as for `tasks.recording.flow.score_flow`.
-
-    Raises
-    ------
-    TaskError
-        The recording is shorter than two windows, or has no corners to follow.
-    """
+    """Score dense flow methods on a recording."""
     loaded = {name: load_method("dense_flow", name, weights) for name in methods}
     start = Start.of(options, np.nan, recording.size[0])
     scores = []

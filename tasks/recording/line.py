@@ -22,11 +22,6 @@ _DELAYS = 21  # tried before the search
 def best_delay_us(levels: Levels) -> float:
     """Return how late the events are: the delay at which thresholds explain the light best.
 
-    Parameters
-    ----------
-    levels
-        Events with their light.
-
     Returns
     -------
     Within a twentieth of the time of the light, microseconds; negative if frames are late.
@@ -58,18 +53,6 @@ def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: 
 
     Each block of events of a pixel has an unknown level; subtracting the block's mean removes it.
     Huber's weights bound the effect of outliers.
-
-    Parameters
-    ----------
-    levels
-        Events with their light.
-    delay_us, pole_s, poles
-        As in `Levels.light_at_events`.
-
-    Returns
-    -------
-    Line
-        NaN if the events do not separate ON from OFF.
     """
     y = levels.within_blocks(levels.light_at_events(delay_us, pole_s, poles))
     a, b = levels.within_blocks(levels.on), -levels.within_blocks(levels.off)

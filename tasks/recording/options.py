@@ -54,13 +54,7 @@ class FrameOptions:
         return None if self.estimate_shift else (self.frames_shift_us or 0)
 
     def open_frames(self) -> Frames | None:
-        """Open the frames, None if there are none.
-
-        Raises
-        ------
-        TaskError
-            The frames cannot be read, or options for frames are given without frames.
-        """
+        """Open the frames, None if there are none."""
         from tasks.recording.frames import open_frames
 
         if self.frames is not None:

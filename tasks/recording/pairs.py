@@ -37,19 +37,7 @@ class PairSums:
 
 
 def check_frames(recording: Recording, frames: Frames) -> None:
-    """Check that frames and events are of one camera and on one clock.
-
-    Parameters
-    ----------
-    recording, frames
-        The events and frames.
-
-    Raises
-    ------
-    TaskError
-        The frames have another size than the sensor, or no two consecutive ones lie within the
-        recording.
-    """
+    """Check that frames and events are of one camera and on one clock."""
     height, width = frames.light(0).shape
     if (width, height) != recording.size:
         expected = "{}x{}".format(*recording.size)
@@ -75,14 +63,8 @@ def inside(recording: Recording, frames: Frames, margin_us: int = 0) -> list[int
 
     Parameters
     ----------
-    recording, frames
-        The events and frames.
     margin_us
         Least time from the exposures to the first and last event, microseconds.
-
-    Returns
-    -------
-    Indices k of the frames for which k and k + 1 are within the recording.
     """
     kept = (frames.start_us >= recording.start_us + margin_us) & (
         frames.end_us <= recording.end_us - margin_us
@@ -97,16 +79,8 @@ def events_of(
 
     Parameters
     ----------
-    recording, frames
-        The events and frames.
-    pairs
-        Indices of the first frames, ascending.
     margin_us
         How much earlier to begin and later to end, microseconds.
-
-    Returns
-    -------
-    iterator of Events
     """
     windows = [
         (int(frames.start_us[k]) - margin_us, int(frames.end_us[k + 1]) + margin_us) for k in pairs
@@ -119,16 +93,8 @@ def sums(events: Events, frames: Frames, k: int, shift_us: int = 0) -> PairSums:
 
     Parameters
     ----------
-    events
-        Events, including all of the pair.
-    frames, k
-        The frames, and the index of the first of the two.
     shift_us
         Added to the times of the frames, microseconds.
-
-    Returns
-    -------
-    PairSums
     """
     t_us = events.t_us - shift_us
     weight = _share(t_us, frames, k) - _share(t_us, frames, k + 1)

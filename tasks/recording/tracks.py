@@ -67,8 +67,6 @@ def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) 
     ----------
     light, later
         (H, W) light of two frames, in the same unit.
-    count
-        Largest number of corners.
 
     Returns
     -------

@@ -85,8 +85,6 @@ class RigPose:
         (3,) position of the camera at the slider's 0, m.
     direction
         (3,) unit vector of travel.
-    scale
-        Meters of travel per meter of the encoder.
     """
 
     R_world_cam: Float64
@@ -107,8 +105,6 @@ class RigPose:
 
         Parameters
         ----------
-        camera
-            The camera.
         points_m
             (..., N, 2) points of the page, m.
         x_m
@@ -127,17 +123,7 @@ class RigPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknowns:
-    """What is estimated in addition to the eight parameters.
-
-    Parameters
-    ----------
-    latency
-        Estimate the latency of the images; otherwise it is 0.
-    scale
-        Estimate the scale of the encoder; otherwise it is 1.
-    corner_bias
-        Estimate the bias of the corners; otherwise it is 0.
-    """
+    """What is estimated in addition to the eight parameters."""
 
     latency: bool = False
     scale: bool = False
@@ -158,22 +144,14 @@ class Solution:
 
     Parameters
     ----------
-    pose
-        Where the camera is.
-    latency_ms, corner_bias_px
-        Their estimates; 0 where they were not estimated.
     names
         Names of the P parameters.
     covariance
         (P, P), in the parameters' units: turns about the camera's axes, rad; origin, m; turns of
         the direction of travel, rad; then the other unknowns. It assumes that corners are
         independent and as noisy as the residuals.
-    rms_px
-        Root mean square distance of the inliers' corners from their predictions.
     inliers
         (M,) whether each marker was used.
-    images
-        Number of images with inliers.
     """
 
     pose: RigPose
@@ -199,28 +177,6 @@ def solve(
     Least squares of the distances in the image, with the intrinsics and the page known. After each
     fit, markers are left out if a corner's distance is more than four times the robust root mean
     square distance.
-
-    Parameters
-    ----------
-    corners
-        Corners in the images.
-    slider
-        Readings of the encoder.
-    camera
-        The camera.
-    unknowns
-        What is estimated in addition.
-
-    Returns
-    -------
-    The solution.
-
-    Raises
-    ------
-    RigError
-        If there are too few markers or images, the slider does not move, it moves in one direction
-        only although the latency is unknown, too many markers contradict the others, the search
-        fails, or the corners do not determine a parameter.
     """
     _check_enough(corners)
     x_m = slider.position_m(corners.t_us)

@@ -73,8 +73,6 @@ class SolvedRecording:
 
     Parameters
     ----------
-    recording
-        Path of its folder, absolute.
     source
         The images in which the markers were found: frame, hf or ei, as in `Detections`.
     width, height
@@ -88,12 +86,8 @@ class SolvedRecording:
         How far corners are displaced away from the middle of their markers, px.
     estimated
         Names of the parameters, in the order of the covariance.
-    covariance
-        As in `Solution`.
     rms_px
         Root mean square of the residuals, px.
-    markers, inliers, images
-        Number of markers found and used, and of images with markers.
     x_m
         Smallest and largest position of the slider in the images used, m.
     intrinsics
@@ -117,13 +111,7 @@ class SolvedRecording:
     intrinsics: tuple[float, ...] = ()
 
     def check_camera(self, camera: Camera) -> None:
-        """Refuse another camera than that of the calibration.
-
-        Raises
-        ------
-        RigError
-            If its size, its intrinsics or its lens differ.
-        """
+        """Refuse another camera than that of the calibration."""
         if (self.width, self.height) != (camera.width, camera.height):
             raise RigError(
                 f"calibration: found a camera of {self.width}x{self.height} px, expected "
@@ -147,13 +135,7 @@ class Calibration:
     recordings: tuple[SolvedRecording, ...]
 
     def of(self, recording: Recording) -> SolvedRecording:
-        """Return the solution of a recording.
-
-        Raises
-        ------
-        RigError
-            If there is none, or its camera has another size.
-        """
+        """Return the solution of a recording."""
         wanted = str(recording.folder.resolve())
         for solved in self.recordings:
             if solved.recording == wanted:
@@ -172,24 +154,8 @@ def solve_recording(
 
     Parameters
     ----------
-    recording
-        The recording. Its truth, if it is virtual, is not read.
-    found
-        The markers.
-    unknowns
-        What is estimated in addition to the pose.
     max_rms_px
         Refuse solutions with larger residuals, px.
-
-    Returns
-    -------
-    The solution.
-
-    Raises
-    ------
-    RigError
-        As in `tasks.rig.bundle.solve`; also if a marker is not on the page, a corner is outside the
-        image, or the residuals are too large.
     """
     page, camera = recording.page, recording.camera
     if len(found.number) and found.number.max() >= len(page.markers_m):
@@ -248,29 +214,13 @@ def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
 
 
 def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
-    """Write calibration.json.
-
-    Parameters
-    ----------
-    path
-        The file.
-    solved
-        The solutions.
-    overwrite
-        Whether to replace a file.
-    """
+    """Write calibration.json."""
     table = asdict(Calibration(gauge=GAUGE, recordings=tuple(solved)))
     write_text(path, json.dumps(table, indent=1) + "\n", overwrite=overwrite)
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read calibration.json.
-
-    Raises
-    ------
-    RigError
-        If it is missing, or a field is wrong.
-    """
+    """Read calibration.json."""
     return read_json(Calibration, path, RigError)
 
 
@@ -299,16 +249,8 @@ def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, flo
 
     Parameters
     ----------
-    pose, truth
-        The solution, and the truth.
-    camera
-        The camera.
     x_m
         Smallest and largest position of the slider, m.
-
-    Returns
-    -------
-    The errors.
     """
     grid_px = camera.grid(_GRID)
     positions = np.linspace(*x_m, _GRID)
@@ -328,10 +270,6 @@ def on_page(pose: RigPose, camera: Camera, points_px: Float64, x_m: float) -> Fl
 
     Parameters
     ----------
-    pose
-        Where the camera is.
-    camera
-        The camera.
     points_px
         (..., 2) px.
     x_m
@@ -359,15 +297,7 @@ def read_truth(recording: Recording) -> RigPose | None:
 
 
 def write_truth(folder: Path, pose: RigPose) -> None:
-    """Write truth.json into the folder of a virtual recording.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    pose
-        Where the camera is.
-    """
+    """Write truth.json into the folder of a virtual recording."""
     write_text(folder / TRUTH_NAME, json.dumps(asdict(StoredPose.of(pose)), indent=1) + "\n")
 
 

@@ -40,23 +40,6 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     per_visit
         Number n of items in a visit to a place, by task, 1 if it is not given: item k of visit v is
         n v + k, and odd visits are those on the carriage's way back.
-
-    Returns
-    -------
-    rows
-        `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
-        `speed_m_s` equals `speed`. For each picture, task and light, only speeds are kept that
-        every width in this light has. At each speed, every width has the same places and, there,
-        the same items: those that all have. All speeds have as many places, evenly spread, and
-        places as many items, the first ones: so many that most scores are kept, at 6 places if
-        possible, which an interval needs. Samples, one for each place, are numbered from 0 in each
-        light at each speed and width, and so are items at each place.
-
-    Raises
-    ------
-    RigError
-        If no picture and task has a speed with a place that all widths have. Those that have none
-        are left out with a warning. A width that a light of its picture lacks is named in one.
     """
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)

@@ -30,27 +30,10 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
 
     Parameters
     ----------
-    slider
-        Readings on the clock of the slider.
     file
         triggers.csv: a line for each edge with its time on the slider's clock, `slider_us`, and on
         the events' clock, `t_us`. Without a column `t_us`, the edges are the rising ones in the
         file of events, in the same order.
-    seen
-        Returns the triggers in the file of events.
-
-    Returns
-    -------
-    slider
-        The same positions. One edge gives the offset of the clocks; several that span a tenth of
-        the readings or more also give their drift.
-
-    Raises
-    ------
-    RigError
-        If a column is missing, a value is not a number, there is no edge, the file of events has
-        edges on several channels, the numbers of edges differ, or no offset and drift fit the
-        edges.
     """
     columns = read_columns(file, ("slider_us",), optional=("t_us",))
     with reading(file, "numbers", RigError):

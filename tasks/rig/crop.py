@@ -88,16 +88,12 @@ class Cropped:
 
     Parameters
     ----------
-    scene
-        Name of the picture.
     width, height, fx, fy, cx, cy
         Size and intrinsics of the crop, px, (0, 0) at the corner of its first pixel.
     lens
         Distortion coefficients k1, k2, p1, p2 and k3 of OpenCV's model.
     box
         Where the crop is in the camera's image.
-    pose
-        Where the camera is for each position of the slider.
     latency_ms
         Latency of the images from which the rig was solved. The poses do not include it.
     """
@@ -138,21 +134,8 @@ def common_boxes(
 
     Parameters
     ----------
-    cameras, poses
-        The cameras, and where they are.
     x_m
         Smallest and largest position of the slider, m.
-
-    Returns
-    -------
-    boxes
-        Each is the largest box of whole pixels that is within the field at every position.
-
-    Raises
-    ------
-    RigError
-        If the cameras have no field in common, or one is rolled against another by more than 20
-        degrees, other than upside down: the sides of its box would not be those of the others.
     """
     both = list(zip(cameras, poses, strict=True))
     depths = [abs(pose.at(np.mean(x_m))[2, 3]) / camera.fx for camera, pose in both]
@@ -205,8 +188,6 @@ def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
     ----------
     camera
         The camera. With a lens, the pixels are those of a pinhole with the same `K`.
-    pose
-        Where it is.
     x_m
         Position of the slider, m.
 
@@ -235,30 +216,6 @@ def crop(
     Writes one folder for each recording, with the same name: events.h5; crop.json (the box, the
     camera of the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the
     page to the crop) every millisecond; slider.csv; and the page.
-
-    Parameters
-    ----------
-    recordings
-        The recordings, of one page.
-    calibration
-        Their solutions.
-    out
-        Folder for the crops.
-    overwrite
-        Whether to replace existing events.
-    on_progress
-        Called after each recording.
-
-    Returns
-    -------
-    The folders.
-
-    Raises
-    ------
-    RigError
-        If there is no recording, one has no solution, the pages differ, two recordings have the
-        same name, there is no common field, a crop would be written into a recording, or the folder
-        has crops of others.
     """
     if not recordings:
         raise RigError("crop: found no recording, expected at least one folder")
@@ -345,24 +302,12 @@ def _write_poses(folder: Path, slider: Slider, cropped: Cropped) -> None:
 
 
 def read_crop(folder: Path) -> Cropped:
-    """Read crop.json.
-
-    Raises
-    ------
-    RigError
-        If it is missing, or a field is wrong.
-    """
+    """Read crop.json."""
     return read_json(Cropped, folder / FILE_NAME, RigError)
 
 
 def span_of_events(folder: Path) -> tuple[int, int]:
-    """Return the times of the first and the last event of a crop, us.
-
-    Raises
-    ------
-    RigError
-        If there are no events.
-    """
+    """Return the times of the first and the last event of a crop, us."""
     file = folder / EVENTS_NAME
     ends = [int(part.t_us[k]) for part in read_events(file) if len(part) for k in (0, -1)]
     if not ends:

@@ -44,13 +44,9 @@ def detect(
 
     Parameters
     ----------
-    recording
-        The recording.
     source
         "frame" for the frames, "hf" for images of the high-pass filter, with the defaults of its
         authors, or "ei" for the first frame plus all events since.
-    images
-        Number of images.
     max_speed_mps
         Leave out times at which the slider is faster, m/s.
     contrast_threshold
@@ -62,21 +58,6 @@ def detect(
         and in an edge that is blurred evenly to both sides its mean. The corners themselves get
         less exact. Frames are blurred in their codes, where corners are found: an edge that is even
         in them stays where it is; in light it would move toward the dark.
-    refinement
-        How corners are refined; see `tasks.rig.markers.detector`.
-    on_progress
-        Called after each image.
-
-    Returns
-    -------
-    The markers.
-
-    Raises
-    ------
-    RigError
-        If the recording lacks the frames or the threshold that the source needs, the number of
-        images or the threshold is not positive, the blur is negative or as wide as the image, or no
-        marker is found.
     """
     page, camera = recording.page, recording.camera
     check_positive("images", images, RigError)

@@ -61,10 +61,6 @@ class RigEvaluation:
         share. There is a window wherever the carriage passes one at constant speed.
     travel_m
         Travel of the slider in a window, m.
-    flow, video, tracking
-        Names of the methods of each task, or "package.module:function".
-    features
-        Largest number of patches in each window, all in the picture.
     initial_sigma_px
         Error of the initial flow: standard deviation of each component, px at a width of 1280 px.
     initial_sigma_mm
@@ -74,8 +70,6 @@ class RigEvaluation:
     cutoff_hz
         Cutoff of the photoreceptor that the rows store, Hz; by default that of the file of events,
         if it was simulated, and inf otherwise. No score depends on it.
-    seed
-        Seed of the initial errors.
     """
 
     places: int = 10
@@ -124,28 +118,11 @@ def evaluate_rig(
 ) -> list[Row]:
     """Score methods on all crops of a rig.
 
-    Parameters
-    ----------
-    folders
-        Folders that `eres rig crop` wrote, such as one for each print.
-    settings
-        What is scored.
-    on_progress
-        Called after each window.
-
     Returns
     -------
     rows
         `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` is the picture, and
         `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
-
-    Raises
-    ------
-    RigError
-        If there are no crops, those of a picture show different prints or share too little of it,
-        the contrast threshold is not known, no window has constant speed, no speed is common to all
-        distances, there is nothing to score, or a camera has lens distortion and tracking is
-        scored.
     """
     if not folders:
         raise RigError("crops: found no folder, expected those of `eres rig crop`")
@@ -175,13 +152,7 @@ def evaluate_rig(
 
 
 def crops_in(folder: Path) -> list[Path]:
-    """Return the folders of the crops that `eres rig crop` wrote.
-
-    Raises
-    ------
-    RigError
-        If there is none.
-    """
+    """Return the folders of the crops that `eres rig crop` wrote."""
     found = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
     if not found:
         raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
@@ -264,13 +235,6 @@ def _row(
 
 def _features(crop: _Crop, window: Window, count: int) -> tuple[NDArray[np.intp], Float64, Float64]:
     """Return corners of the print that stay in the crop, and their displacements in the window.
-
-    Parameters
-    ----------
-    crop, window
-        The crop, and the window.
-    count
-        Number of corners of the print, including those that leave this crop.
 
     Returns
     -------

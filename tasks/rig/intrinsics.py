@@ -65,14 +65,8 @@ class Intrinsics:
 
     Parameters
     ----------
-    camera
-        The camera.
     sigmas
         Standard deviations of fx, fy, cx, cy in px, then k1, k2, p1, p2, by name.
-    rms_px
-        Root mean square of the residuals.
-    views
-        The recordings in which the board was found.
     """
 
     camera: Camera
@@ -86,8 +80,6 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
 
     Parameters
     ----------
-    path
-        The file of events.
     size
         Width and height of the sensor, for a file that does not store them.
 
@@ -95,11 +87,6 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     ------
     images
         (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
-
-    Raises
-    ------
-    RigError
-        If the file has no events.
     """
     parts = [part for part in read_events(path, size=size) if len(part)]
     if not parts:
@@ -121,8 +108,6 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
     ----------
     gray
         (H, W) image.
-    board
-        The board.
 
     Returns
     -------
@@ -149,8 +134,6 @@ def calibrate(
     ----------
     views_px
         (N, 2) inner corners of each view.
-    board
-        The board.
     width, height
         Size of the image, px.
 
@@ -158,11 +141,6 @@ def calibrate(
     -------
     camera, sigmas, rms_px
         As in `Intrinsics`.
-
-    Raises
-    ------
-    RigError
-        If there are fewer than three views, or they do not determine a camera.
     """
     if len(views_px) < _LEAST_VIEWS:
         raise RigError(
@@ -213,8 +191,6 @@ def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
     ----------
     derivatives
         (2 N, 15) for each view, as `cv2.projectPoints` returns them: by turn, place, camera, lens.
-    rms_px
-        Root mean square distance of the corners.
     """
     intrinsic = len(_NAMES)
     rows = [np.zeros((len(one), intrinsic + 6 * len(derivatives))) for one in derivatives]
@@ -245,24 +221,8 @@ def intrinsics(
 
     Parameters
     ----------
-    paths
-        Files of events.
-    board
-        The board.
     size
         Width and height of the sensor, for files that do not store them.
-    on_progress
-        Called after each recording.
-
-    Returns
-    -------
-    The camera.
-
-    Raises
-    ------
-    RigError
-        If the sensors differ in size, a file has no events, the board is found in fewer than three
-        recordings, or no camera fits the views.
     """
     views_px, found_in = [], []
     sizes = set()

@@ -24,24 +24,7 @@ _NEAR_M = 1e-4  # on both sides of a position of the slider, for the motion ther
 
 
 def light_of_crop(folder: Path) -> Footage:
-    """Return the light of a crop during its fastest motion, in steps of half a pixel.
-
-    Parameters
-    ----------
-    folder
-        A crop that `eres rig crop` wrote.
-
-    Returns
-    -------
-    Footage
-        At most 1001 frames of reflectance, on the clock of the events.
-
-    Raises
-    ------
-    RigError
-        If the folder is not a crop, it has no events while the slider is read, or nothing moves in
-        it.
-    """
+    """Return the light of a crop during its fastest motion, in steps of half a pixel."""
     cropped = read_crop(folder)
     camera, pose = cropped.camera(), cropped.pose.pose()
     slider = slider_files.read_slider(folder / slider_files.FILE_NAME)

@@ -75,10 +75,6 @@ class Detector:
         OpenCV's name of the dictionary.
     count
         Number of markers on the page; detections with this number or above are false.
-    refinement
-        How corners are refined.
-    enlarged
-        Factor by which an image is enlarged first.
     """
 
     dictionary: str
@@ -132,14 +128,8 @@ def detector(dictionary: str, count: int, width: int) -> Detector:
 
     Parameters
     ----------
-    dictionary, count
-        As in `Detector`.
     width
         Width of the images, px.
-
-    Returns
-    -------
-    The detector.
     """
     if width < _SMALL_PX:
         return Detector(dictionary, count, "contour", _ENLARGED)
@@ -165,15 +155,6 @@ def write_detections(path: Path, found: Detections, *, overwrite: bool = True) -
     """Write markers as Parquet, one row for each corner.
 
     The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
-
-    Parameters
-    ----------
-    path
-        The file.
-    found
-        The markers.
-    overwrite
-        Whether to replace a file.
     """
     import pyarrow as pa  # here, as it loads slowly
     import pyarrow.parquet as pq
@@ -196,13 +177,7 @@ def write_detections(path: Path, found: Detections, *, overwrite: bool = True) -
 
 
 def read_detections(path: Path) -> Detections:
-    """Read the markers that `write_detections` wrote.
-
-    Raises
-    ------
-    RigError
-        If the file is missing, damaged, or not a file of detections.
-    """
+    """Read the markers that `write_detections` wrote."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -47,18 +47,12 @@ class Page:
 
     Parameters
     ----------
-    width_m, height_m
-        Size of the page.
     dictionary
         OpenCV's name of the markers' dictionary.
     dot_m
         Side of a printed dot, a pixel of the page's image.
-    picture_m
-        Left, top, right and bottom of the picture.
     markers_m
         Left and top of each marker, in the order of the markers' numbers in the dictionary.
-    marker_m
-        Side of a marker.
     """
 
     width_m: float
@@ -82,13 +76,7 @@ class Page:
 
 
 def markers(dictionary: str) -> cv2.aruco.Dictionary:
-    """Return OpenCV's dictionary of markers of a given name.
-
-    Raises
-    ------
-    RigError
-        If OpenCV has no such dictionary.
-    """
+    """Return OpenCV's dictionary of markers of a given name."""
     number = getattr(cv2.aruco, dictionary, None) if dictionary.startswith("DICT_") else None
     if number is None:
         raise RigError(
@@ -100,21 +88,10 @@ def markers(dictionary: str) -> cv2.aruco.Dictionary:
 def lay_out(settings: PageSettings) -> Page:
     """Place the picture in the middle of a page, and markers around it, all on whole dots.
 
-    Parameters
-    ----------
-    settings
-        The page.
-
     Returns
     -------
     The page. A marker's cells are a whole number of dots, so its side differs from that of the
     settings by up to half a dot per cell.
-
-    Raises
-    ------
-    RigError
-        If there is room for no marker, or for more markers than the dictionary has, or the page has
-        more dots than OpenCV's images.
     """
     dictionary = markers(settings.dictionary)
     dot_m = INCH_M / settings.dpi
@@ -181,24 +158,10 @@ def _places_between(low: int, high: int, side: int, pitch: int) -> NDArray[np.in
 def draw(page: Page, settings: PageSettings, folder: Path) -> NDArray[np.uint8]:
     """Draw a page as it is sent to the printer.
 
-    Parameters
-    ----------
-    page
-        Its layout.
-    settings
-        Its picture.
-    folder
-        Folder of rig.toml, in which an image file is.
-
     Returns
     -------
     image
         (H, W) 8-bit sRGB codes of the reflectance relative to the paper's.
-
-    Raises
-    ------
-    RigError
-        If the picture is neither procedural nor an image file.
     """
     image = np.ones((_dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)), np.float32)
     left, top, right, bottom = (_dots(edge, page.dot_m) for edge in page.picture_m)
@@ -247,13 +210,7 @@ def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def check_print(path: Path) -> None:
-    """Refuse the name of a print that is neither .png nor .pdf.
-
-    Raises
-    ------
-    RigError
-        If it is not.
-    """
+    """Refuse the name of a print that is neither .png nor .pdf."""
     if path.suffix not in (".pdf", ".png"):
         raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
 
@@ -265,19 +222,8 @@ def write_print(
 
     Parameters
     ----------
-    path
-        A .png or .pdf file.
     image
         (H, W) image of the page, as `draw` returns it.
-    page
-        The page.
-    overwrite
-        Whether to replace a file.
-
-    Raises
-    ------
-    RigError
-        If the extension is neither .png nor .pdf.
     """
     check_print(path)
     dpi = INCH_M / page.dot_m
@@ -290,49 +236,21 @@ def write_print(
 
 
 def write_page(path: Path, page: Page, *, overwrite: bool = True) -> None:
-    """Write page.json.
-
-    Parameters
-    ----------
-    path
-        The file.
-    page
-        The page.
-    overwrite
-        Whether to replace a file.
-    """
+    """Write page.json."""
     write_text(path, json.dumps(asdict(page), indent=1) + "\n", overwrite=overwrite)
 
 
 def read_page(path: Path) -> Page:
-    """Read page.json.
-
-    Raises
-    ------
-    RigError
-        If it is missing, or a field is wrong.
-    """
+    """Read page.json."""
     return read_json(Page, path, RigError)
 
 
 def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
     """Read the image of a page.
 
-    Parameters
-    ----------
-    path
-        The .png file.
-    page
-        The page.
-
     Returns
     -------
     (H, W) image, as `draw` returns it.
-
-    Raises
-    ------
-    RigError
-        If it cannot be read, or its size is not the page's.
     """
     with reading(path, "an image", RigError):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

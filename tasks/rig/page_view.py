@@ -26,14 +26,8 @@ def page_view(
 
     Parameters
     ----------
-    crop_camera
-        The camera.
-    pose
-        Where the camera is for each position of the slider.
     x_m
         Position of the slider, m.
-    page
-        The page.
     light
         (H, W) its reflectance.
 
@@ -48,18 +42,7 @@ def page_view(
 def page_views(
     crop_camera: Camera, pose: RigPose, page: Page, light: Float64
 ) -> Callable[[float], Float64]:
-    """Return a function of the slider's position, m, that returns what the camera sees there.
-
-    Parameters
-    ----------
-    crop_camera, pose, page, light
-        As for `page_view`.
-
-    Returns
-    -------
-    view
-        Computes one view after another in a quarter of the time of `page_view`.
-    """
+    """Return a function of the slider's position, m, that returns what the camera sees there."""
     shrunk: dict[int, NDArray[np.float32]] = {}  # the page in blocks of so many dots
 
     def view(x_m: float) -> Float64:

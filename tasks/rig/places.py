@@ -28,12 +28,8 @@ class Window:
 
     Parameters
     ----------
-    place
-        Number of the place, which all recordings of the print share.
     visit
         2 n on the carriage's way there, for the nth time from 0, and 2 n + 1 on its way back.
-    start_us, end_us
-        Start and end.
     x_m
         The encoder's readings then, m.
     """
@@ -61,19 +57,8 @@ class Way:
 
     Parameters
     ----------
-    slider
-        The readings.
-    first_us, last_us
-        Start and end of the events.
-    scale
-        Meters of travel per meter of the encoder.
     begin_m, slope
         Position along the print at the slider's 0, m, and change with that of the slider.
-
-    Raises
-    ------
-    RigError
-        If there are no readings during the events, or the carriage does not move then.
     """
 
     slider: Slider
@@ -107,24 +92,8 @@ class Way:
 
         Parameters
         ----------
-        cropped
-            The crop.
-        slider
-            Its readings.
-        span_us
-            Start and end of its events.
         along
             (2,) unit vector of the travel on the page.
-
-        Returns
-        -------
-        Way
-            With positions along that vector.
-
-        Raises
-        ------
-        RigError
-            If there are no readings during the events, or the carriage does not move then.
         """
         pose, middle_px = cropped.pose.pose(), 0.5 * np.array([[cropped.width, cropped.height]])
         at = [on_page(pose, cropped.camera(), middle_px, x)[0] @ along for x in (0.0, _APART_M)]
@@ -150,11 +119,6 @@ class Way:
             (K,) positions along the print, m.
         travel_m
             Travel in a window, m; a place is in its middle.
-
-        Returns
-        -------
-        windows
-            One for each time that the carriage passes a place during the events.
         """
         half_m = 0.5 * travel_m / self.scale
         moves_m = np.abs(np.diff(self.slider.x_m))

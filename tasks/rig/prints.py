@@ -36,16 +36,8 @@ class Print:
 
     Parameters
     ----------
-    page
-        The page.
     light
         (H, W) its reflectance.
-    nearest
-        The crop that resolves it best.
-    ways
-        How each crop passes it, by its folder.
-    way
-        That of the nearest crop.
     travel_m
         Travel in a window, m.
     places_m
@@ -88,8 +80,6 @@ def are_inside(camera: Camera, points_px: Float64, margin_px: float = 0.0) -> ND
 
     Parameters
     ----------
-    camera
-        The camera.
     points_px
         (..., 2) px.
     margin_px
@@ -109,23 +99,10 @@ def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> di
 
     Parameters
     ----------
-    crops
-        The crops, by their folders.
     places
         Number of places, evenly spaced over the part of the print that all its crops pass.
     travel_m
         Travel in a window, m.
-
-    Returns
-    -------
-    prints
-        By the name of the picture, in the order of the crops.
-
-    Raises
-    ------
-    RigError
-        If crops of one picture show different pages or fields, a carriage does not move during the
-        events, or windows at so many places would overlap.
     """
     scenes: dict[str, dict[Path, Cropped]] = {}
     for folder, cropped in crops.items():

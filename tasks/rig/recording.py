@@ -59,13 +59,7 @@ class Frame:
         return (self.t_start_us + self.t_end_us) // 2
 
     def codes(self, camera: Camera) -> NDArray[np.uint8]:
-        """Read the image, (H, W).
-
-        Raises
-        ------
-        RigError
-            If it cannot be read, or its size is not the camera's.
-        """
+        """Read the image, (H, W)."""
         with reading(self.file, "an image", RigError):
             image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
         if image is None:
@@ -110,13 +104,7 @@ class Recording:
 
     @cached_property
     def events_file(self) -> Path:
-        """The file of events.
-
-        Raises
-        ------
-        RigError
-            If there is none, or more than one.
-        """
+        """The file of events."""
         suffixes = {suffix for one in FORMATS.values() for suffix in one.suffixes}
         files = sorted(self.folder.glob("events.*"))
         found = [file for file in files if file.suffix.lower() in suffixes]
@@ -127,13 +115,7 @@ class Recording:
 
     @cached_property
     def header(self) -> Header:
-        """The header of the file of events.
-
-        Raises
-        ------
-        RigError
-            If the file stores another size than the camera's.
-        """
+        """The header of the file of events."""
         header = read_header(self.events_file)
         width, height = self.camera.width, self.camera.height
         stored = header.width is not None
@@ -145,13 +127,7 @@ class Recording:
         return header
 
     def events(self) -> Iterator[Events]:
-        """Read the events in parts, and check that their times overlap the slider's.
-
-        Raises
-        ------
-        RigError
-            If there are no events, or all are before or after the readings of the slider.
-        """
+        """Read the events in parts, and check that their times overlap the slider's."""
         size = None if self.header.width is not None else (self.camera.width, self.camera.height)
         first_us = last_us = None
         for part in read_events(self.events_file, size=size):
@@ -170,13 +146,7 @@ class Recording:
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
-        """The images of the frame camera, in order of time; none without frames.csv.
-
-        Raises
-        ------
-        RigError
-            If the file lacks an exposure, or an exposure ends before it starts.
-        """
+        """The images of the frame camera, in order of time; none without frames.csv."""
         if not (self.folder / FILE_NAME).exists():
             return ()
         try:
@@ -193,37 +163,14 @@ class Recording:
 
 
 def write_frames_table(folder: Path, frames: list[Frame]) -> None:
-    """Write frames.csv into the folder of a recording.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    frames
-        The images, in its folder `frames`.
-    """
+    """Write frames.csv into the folder of a recording."""
     images = (f"{FRAMES_FOLDER}/{one.file.name}" for one in frames)  # from the table, as elsewhere
     times = ((one.t_start_us, one.t_end_us) for one in frames)
     write_exposures(folder, (Exposure(*at, one) for at, one in zip(times, images, strict=True)))
 
 
 def open_recording(folder: Path) -> Recording:
-    """Open the folder of a recording.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-
-    Returns
-    -------
-    The recording, with its rig, page and slider read and checked.
-
-    Raises
-    ------
-    RigError
-        If it is not a folder, or one of these files is missing or wrong.
-    """
+    """Open the folder of a recording."""
     if not folder.is_dir():
         raise RigError(f"{folder}: found no folder, expected that of a recording")
     recording = Recording(folder)

@@ -234,13 +234,7 @@ class RigSettings:
             _check_beside("camera_file", self.camera_file)
 
     def camera_in(self, folder: Path) -> Camera:
-        """Return the camera.
-
-        Parameters
-        ----------
-        folder
-            The folder of rig.toml.
-        """
+        """Return the camera."""
         if self.camera_file is not None:
             return read_camera(folder / self.camera_file)
         assert self.camera is not None  # checked in __post_init__
@@ -248,11 +242,5 @@ class RigSettings:
 
 
 def read_rig(file: Path) -> RigSettings:
-    """Read rig.toml.
-
-    Raises
-    ------
-    RigError
-        If the file cannot be read, or a field is missing, unknown or out of range.
-    """
+    """Read rig.toml."""
     return read_toml(RigSettings, file, RigError)

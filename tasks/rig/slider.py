@@ -35,11 +35,6 @@ class Slider:
     x_m
         (N,) float64 positions, m.
 
-    Raises
-    ------
-    RigError
-        If there are fewer than two readings, times do not increase, or a reading is not finite.
-
     Examples
     --------
     >>> import numpy as np
@@ -65,13 +60,7 @@ class Slider:
             )
 
     def position_m(self, t_us: ArrayLike) -> Float64:
-        """Return the position at the times (...), m.
-
-        Raises
-        ------
-        RigError
-            If a time is before the first reading or after the last.
-        """
+        """Return the position at the times (...), m."""
         t = np.asarray(t_us, dtype=np.float64)
         if t.size and not (t.min() >= self.t_us[0] and t.max() <= self.t_us[-1]):
             raise RigError(
@@ -87,15 +76,7 @@ class Slider:
         return 1e6 * (np.diff(self.x_m) / np.diff(self.t_us))[k]
 
     def check_gaps(self) -> None:
-        """Refuse readings that are missing while the carriage moves.
-
-        Raises
-        ------
-        RigError
-            If two consecutive readings are more than 20 times the median interval apart and the
-            carriage moved between them. An encoder that logs its steps alone is a step off after
-            a rest: such slow motion is no gap.
-        """
+        """Refuse readings that are missing while the carriage moves."""
         steps_us = np.diff(self.t_us)
         usual_us = float(np.median(steps_us))
         speeds = np.abs(np.diff(self.x_m)) / steps_us
@@ -119,10 +100,6 @@ class Slider:
 
         Parameters
         ----------
-        count
-            Number of times.
-        start_us, end_us
-            Start and end of the time span.
         max_speed_mps
             Leave out motion faster than this, m/s.
 
@@ -130,11 +107,6 @@ class Slider:
         -------
         t_us
             (count,) whole microseconds.
-
-        Raises
-        ------
-        RigError
-            If the carriage does not move in that time span at such a speed.
         """
         inside = (self.t_us > start_us) & (self.t_us < end_us)
         t = np.concatenate([[start_us], self.t_us[inside], [end_us]])
@@ -153,13 +125,7 @@ class Slider:
 
 
 def read_slider(file: Path) -> Slider:
-    """Read slider.csv: a line `t_us,x_m`, then one line for each reading.
-
-    Raises
-    ------
-    RigError
-        If the file cannot be read, a column is missing, or a value is not a number.
-    """
+    """Read slider.csv: a line `t_us,x_m`, then one line for each reading."""
     columns = read_columns(file, _COLUMNS)
     with reading(file, "numbers", RigError):
         slider = Slider(*(np.array(columns[name], dtype=np.float64) for name in _COLUMNS))
@@ -168,15 +134,7 @@ def read_slider(file: Path) -> Slider:
 
 
 def write_slider(file: Path, slider: Slider) -> None:
-    """Write slider.csv.
-
-    Parameters
-    ----------
-    file
-        The file.
-    slider
-        The readings.
-    """
+    """Write slider.csv."""
     readings = zip(slider.t_us.tolist(), slider.x_m.tolist(), strict=True)
     lines = (f"{int(t) if t.is_integer() else t},{x!r}" for t, x in readings)
     write_text(file, ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n")
@@ -185,27 +143,7 @@ def write_slider(file: Path, slider: Slider) -> None:
 def read_columns(
     file: Path, names: tuple[str, ...], *, optional: tuple[str, ...] = ()
 ) -> dict[str, list[str]]:
-    """Read named columns of a CSV file.
-
-    Parameters
-    ----------
-    file
-        The file; its first line has the columns' names.
-    names
-        The columns.
-    optional
-        Columns that the file may lack.
-
-    Returns
-    -------
-    columns
-        The texts of each column that there is.
-
-    Raises
-    ------
-    RigError
-        If the file cannot be read, or a column is missing or has no value in a line.
-    """
+    """Read named columns of a CSV file."""
     with (
         reading(file, "CSV", RigError),
         file.open(newline="", encoding="utf-8-sig") as opened,
@@ -226,11 +164,6 @@ def read_columns(
 
 def strokes(settings: SliderSettings) -> Slider:
     """Return the motion of the virtual slider: there and back at each speed, with pauses.
-
-    Parameters
-    ----------
-    settings
-        Travel, speeds, acceleration and pauses.
 
     Returns
     -------

@@ -70,23 +70,12 @@ def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m
 
     Parameters
     ----------
-    settings
-        The rig.
-    slider
-        Its slider.
-    page
-        The page.
     depth_m
         Distance of the camera from the page in the middle of a stroke, m.
 
     Returns
     -------
     The pose: in the middle of a stroke, the camera's axis meets the point that the mount faces.
-
-    Raises
-    ------
-    RigError
-        If the camera does not face the page.
     """
     mount = settings.mount
     turn = Rotation.from_euler("XYZ", mount.turn_deg, degrees=True).as_matrix()
@@ -117,33 +106,12 @@ def render_rig(
 
     Parameters
     ----------
-    rig_file
-        rig.toml, with a slider.
-    out
-        Folder of the recording. An interrupted render continues.
     depth_m
         Distance of the camera from the page in the middle of a stroke, m.
     images
         Number of images of a frame camera along the way, in addition to one before the start.
     frame_camera
         That camera. White in its images is the white level of the light.
-    spp, max_displacement_px
-        As in `eres_render.render_scene`.
-    seed
-        Seed of the samples, and of the images' noise.
-    on_progress
-        Called after each frame.
-
-    Returns
-    -------
-    The rendered light.
-
-    Raises
-    ------
-    RigError
-        If the rig has no slider, the depth is not positive, the number of images is negative, the
-        exposure is shorter than 2 us or longer than the slider's pause, the camera does not face
-        the page, or the folder has the recording of another rig or depth, or more images.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
@@ -249,21 +217,7 @@ def write_page_scene(
     slider: Slider,
     pose: RigPose,
 ) -> None:
-    """Write the page on its wall, and the camera's path, for `load_scene`.
-
-    Parameters
-    ----------
-    folder
-        Folder of the scene.
-    page, codes
-        The page and its image.
-    camera
-        The camera.
-    slider
-        The positions of the slider.
-    pose
-        Where the camera is for each position of the slider.
-    """
+    """Write the page on its wall, and the camera's path, for `load_scene`."""
     make_folder(folder)
     middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])
     seen = [on_page(pose, camera, camera.grid(2), x) for x in (slider.x_m.min(), slider.x_m.max())]

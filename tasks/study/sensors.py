@@ -86,19 +86,6 @@ def read_camera_of(found: Any, where: str, folder: Path) -> EventCamera:
     ----------
     found
         The name of a camera, a TOML file, or a table with the keys of such a file and `name`.
-    where
-        File and field of the entry, for error messages.
-    folder
-        Where files are that it names.
-
-    Returns
-    -------
-    The camera.
-
-    Raises
-    ------
-    StudyError
-        A camera does not exist, has no size, or a value is wrong.
     """
     try:
         if isinstance(found, str):

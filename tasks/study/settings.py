@@ -545,22 +545,7 @@ class Study:
 
 
 def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
-    """Refuse speeds at which a window is shorter than a microsecond, or longer than half an hour.
-
-    Parameters
-    ----------
-    place
-        Name of the field with the speeds, for the error.
-    simulate
-        The sensors, with their speeds as factors.
-    render
-        The length of a window.
-
-    Raises
-    ------
-    StudyError
-        Names the speed, and those that are possible.
-    """
+    """Refuse speeds whose window is shorter than a microsecond or longer than half an hour."""
     window_us = 1e6 * render.window_s
     least, most = render.window_s / _LONGEST_S, window_us
     for speed in simulate.speeds:
@@ -573,20 +558,7 @@ def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
 
 
 def check_buses(simulate: Simulate, render: Render) -> None:
-    """Refuse a bus that carries less than one event per window, or a queue without a bus.
-
-    Parameters
-    ----------
-    simulate
-        The sensors, with their speeds as factors.
-    render
-        The length of a window.
-
-    Raises
-    ------
-    StudyError
-        Names the bus, and the smallest that is enough.
-    """
+    """Refuse a bus that carries less than one event per window, or a queue without a bus."""
     window_s = render.window_s / max(simulate.speeds)
     for one in simulate.all_cameras(render):
         bus, own = simulate.readout(one), [key for key in BUS_KEYS if one.states(key)]

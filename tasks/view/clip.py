@@ -25,8 +25,6 @@ class ClipFrames:
 
     Parameters
     ----------
-    sequence
-        The clip.
     speed
         Factor by which the scene moved faster for the events than in the frames.
     shift_us
@@ -57,11 +55,6 @@ class ClipFrames:
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
         """Return the times from which frames are shown.
-
-        Parameters
-        ----------
-        start_us, end_us
-            The span [start_us, end_us) in which they are shown.
 
         Returns
         -------

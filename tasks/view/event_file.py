@@ -27,18 +27,8 @@ class EventSource:
     ----------
     path, header, format
         The file, its header with a size, and its format; None to infer it from the name.
-    palette
-        Colors of the picture.
     length_us, count
         Window of a picture: its length, or its number of events; see `tasks.view.windows.windows`.
-    reading
-        How to read the file.
-    frames
-        Frames drawn behind the events.
-    start_us
-        Leave out the events before this time; None for none.
-    camera
-        Name of the camera, for a file that has no sensor.
     """
 
     path: Path

@@ -23,19 +23,7 @@ _LEAST_TICKS = {".gif": 2, ".webp": 11}  # browsers play shorter pictures ten ti
 
 
 def possible_fps(kind: str, fps: float) -> float:
-    """Return the frame rate closest to a given one that a kind of file can have.
-
-    Parameters
-    ----------
-    kind
-        Extension of the file.
-    fps
-        Pictures per second.
-
-    Returns
-    -------
-    Pictures per second.
-    """
+    """Return the frame rate closest to a given one that a kind of file can have."""
     if kind not in _TICKS_HZ:
         return fps
     return _TICKS_HZ[kind] / max(_LEAST_TICKS[kind], round(_TICKS_HZ[kind] / fps))
@@ -46,17 +34,8 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
     Parameters
     ----------
-    path
-        The file.
     pictures
         (H, W, 3) uint8 each, H and W even.
-    fps
-        Pictures per second.
-
-    Raises
-    ------
-    TaskError
-        PyAV's FFmpeg cannot encode H.264.
     """
     import av
     from av.video.reformatter import ColorRange, Colorspace
@@ -92,12 +71,8 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
     Parameters
     ----------
-    path
-        The file.
     pictures
         (H, W, 3) uint8 each.
-    fps
-        Pictures per second, as from `possible_fps`.
     """
     # One palette for all pictures, so that colors do not flicker.
     some = list(islice(pictures, _PALETTE_PICTURES))
@@ -138,12 +113,8 @@ def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
     Parameters
     ----------
-    path
-        The file.
     pictures
         (H, W, 3) uint8 each.
-    fps
-        Pictures per second, as from `possible_fps`.
     """
     Image.fromarray(next(pictures)).save(
         path,
@@ -162,12 +133,8 @@ def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
     Parameters
     ----------
-    path
-        The file.
     pictures
         Its only picture, (H, W, 3) uint8.
-    fps
-        Not used.
     """
     del fps
     Image.fromarray(next(pictures)).save(path, "PNG", optimize=True)

@@ -29,8 +29,6 @@ class Layout:
         Width and height of each picture, px.
     most
         Largest width and height of the result without captions, px, if no height is given.
-    palette
-        Colors of captions and footer.
     height
         Height of the pictures, px; by default that of the tallest, or a multiple of it for small
         sensors.
@@ -57,13 +55,6 @@ class Layout:
 
     def draw(self, panels: Sequence[Panel], footer: str) -> Picture:
         """Draw panels.
-
-        Parameters
-        ----------
-        panels
-            One for each of the sizes.
-        footer
-            A line below all of them.
 
         Returns
         -------

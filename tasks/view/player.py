@@ -46,14 +46,8 @@ class PackedEvents:
 
     Parameters
     ----------
-    title
-        The sensor or the file.
     width, height
         Size of the sensor, px.
-    count
-        Number of events in the page.
-    every
-        The page has every `every`-th event of the file.
     data
         Base64 of the columns, little-endian and compressed by zlib: uint32 time since the previous
         event, us (for the first, since the start of the page); uint16 x; uint16 y; uint8 polarity,
@@ -82,25 +76,10 @@ def write_player(
 
     Parameters
     ----------
-    path
-        The HTML file.
-    sources
-        Files of events, side by side.
-    counts
-        Number of events of each file in the span.
     span_us
         The part of the events that is shown, [start, end), us.
     window_ms
         Initial length of the window of events, ms.
-    on_progress
-        Called after each file.
-    overwrite
-        Whether to replace a file.
-
-    Raises
-    ------
-    TaskError
-        The span is longer than the page's clock, 71 minutes.
     """
     if span_us[1] - span_us[0] >= 1 << 32:
         raise TaskError(f"{path}: found more than 71 minutes; choose a part with --start and --end")
@@ -144,16 +123,8 @@ def pack(source: EventSource, span_us: tuple[int, int], every: int) -> PackedEve
 
     Parameters
     ----------
-    source
-        The file.
     span_us
         The part that is packed, [start, end), us.
-    every
-        Keep every `every`-th event.
-
-    Returns
-    -------
-    PackedEvents
     """
     kept: list[tuple[NDArray, ...]] = []
     seen = 0

@@ -27,8 +27,6 @@ class PackedFrames:
     ----------
     t_us
         Times from which they are shown, ascending, us after the start of the page.
-    images
-        Base64 of WebP, with the aspect ratio of the sensor.
     """
 
     t_us: list[int]
@@ -42,15 +40,8 @@ def pack_frames(
 
     Parameters
     ----------
-    sources
-        The files of events.
     span_us
         The part that is shown, [start, end), us.
-
-    Returns
-    -------
-    frames
-        Those of each file; None if there are none.
     """
     sizes = [_size(source) for source in sources if source.frames is not None]
     pixels = sum(width * height for width, height in sizes)

@@ -38,21 +38,8 @@ def write_recording(
 
     Parameters
     ----------
-    path
-        The recording; None opens the viewer.
-    sources
-        Clips and files of events.
     times_us
         Ascending times at which all sources are logged, us.
-    on_progress
-        Called after each time.
-    overwrite
-        Whether to replace a file.
-
-    Raises
-    ------
-    TaskError
-        Rerun is not installed, or a time is beyond its nanoseconds.
     """
     latest_us = max(map(abs, times_us), default=0)
     if latest_us >= _MOST_US:

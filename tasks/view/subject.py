@@ -31,12 +31,8 @@ class Subject:
 
     Parameters
     ----------
-    sources
-        The sources, in order.
     start_us, end_us
         The part of their time that is shown, us.
-    counts
-        Number of events in that part, for each file of events.
     """
 
     sources: tuple[Source, ...]
@@ -60,33 +56,7 @@ def open_subject(
     format: str | None,
     on_progress: Progress,
 ) -> Subject:
-    """Open files of events and rendered clips, and find the time that they cover.
-
-    Parameters
-    ----------
-    paths
-        Files of events, and folders of rendered clips.
-    look
-        Which events are shown, and how.
-    over
-        Clip that is drawn behind the events.
-    show
-        What is drawn of clips.
-    reading, format
-        How to read files of events that do not state it.
-    on_progress
-        Called for each source.
-
-    Returns
-    -------
-    Subject
-
-    Raises
-    ------
-    TaskError
-        A file has no events or a clip no frames in the time that is shown, events next to a clip
-        have different speeds, or options of files are given without a file.
-    """
+    """Open files of events and rendered clips, and find the time that they cover."""
     files = [path for path in paths if not path.is_dir()]
     if not files and (format is not None or reading != AS_STORED):
         raise TaskError(

@@ -12,15 +12,7 @@ from sensor.events import Events, concatenate
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The time span and the number of a file's events.
-
-    Parameters
-    ----------
-    start_us, end_us
-        From the first event to just after the last: [start_us, end_us).
-    count
-        Number of events.
-    """
+    """The time span and the number of a file's events."""
 
     start_us: int
     end_us: int
@@ -30,20 +22,7 @@ class Span:
 def span_of(
     parts: Iterable[Events], start_us: int | None = None, end_us: int | None = None
 ) -> Span | None:
-    """Measure the events of a stream.
-
-    Parameters
-    ----------
-    parts
-        Parts of the stream.
-    start_us, end_us
-        Look only at events in [start_us, end_us).
-
-    Returns
-    -------
-    span
-        None if there is no event.
-    """
+    """Measure the events of a stream."""
     first, last, count = None, 0, 0
     for part in parts:
         low = 0 if start_us is None else int(np.searchsorted(part.t_us, start_us))
@@ -68,18 +47,8 @@ def windows(
 
     Parameters
     ----------
-    parts
-        Parts of a stream, at least one.
     ends_us
         Ends of the windows, ascending, us.
-    length_us
-        Length of the windows: events in [end - length_us, end).
-    count
-        Number of events before the end, instead of a length.
-
-    Yields
-    ------
-    Events
     """
     stream = iter(parts)
     held = next(stream)

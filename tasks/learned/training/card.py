@@ -28,22 +28,7 @@ _LIMITS = """\
 
 
 def card(folders: Sequence[Path]) -> str:
-    """Describe finished trainings.
-
-    Parameters
-    ----------
-    folders
-        Folders of the trainings.
-
-    Returns
-    -------
-    The card, in Markdown.
-
-    Raises
-    ------
-    TrainingError
-        A folder is not that of a finished training, or a file in it is damaged.
-    """
+    """Describe finished trainings."""
     parts = ["# Networks of our own"]
     alike: dict[tuple[str, str], list[Run]] = {}
     for folder in folders:

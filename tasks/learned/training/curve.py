@@ -15,17 +15,7 @@ _STYLES = ("--", ":", "-.")
 
 
 def draw_curve(file: Path, curve: Sequence[Mapping[str, float]], score: str) -> None:
-    """Draw the scores of the network and of the baselines over steps, a panel for each light.
-
-    Parameters
-    ----------
-    file
-        The picture, .png.
-    curve
-        Rows of the learning curve.
-    score
-        What the scores are, with the unit.
-    """
+    """Draw the scores of the network and of the baselines over steps, a panel for each light."""
     lights = [name.removesuffix(_NETWORK) for name in curve[0] if name.endswith(_NETWORK)]
     steps = [row["step"] for row in curve]
     figure = Figure(figsize=(3.2 * len(lights), 2.8), layout="constrained")

@@ -27,15 +27,6 @@ class Flow(Problem):
 
     The loss is a weighted sum over the updates of the flow of the mean absolute error of both
     components. Later updates weigh more, as in RAFT (Teed and Deng, ECCV 2020).
-
-    Parameters
-    ----------
-    settings
-        The settings.
-    light
-        The light of the crops.
-    seed
-        Seed of the crops and of the initial weights.
     """
 
     architecture = FLOW

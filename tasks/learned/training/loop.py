@@ -53,32 +53,6 @@ def train(
 
     On the processor of the same machine, with the same number of threads, an interrupted training
     ends with the same weights as an uninterrupted one.
-
-    Parameters
-    ----------
-    problem
-        The network, and what it learns from.
-    schedule
-        How long and how fast it learns.
-    folder
-        Folder of the training, for its checkpoint, learning curve, scores and weights.
-    device
-        "cpu" or "cuda"; None uses a GPU if there is one.
-    on_progress
-        Called after each step.
-
-    Returns
-    -------
-    Mean scores on the held-out crops by light: of the network with its stored weights, then of each
-    baseline.
-
-    Raises
-    ------
-    TrainingError
-        There is no such device, the checkpoint is of another training, the loss is not finite, or
-        the scores of a finished training cannot be read.
-    WeightsError
-        The checkpoint, or the weights of a finished training, cannot be read.
     """
     if (folder / WEIGHTS_FILE).exists():
         read_checkpoint(folder / WEIGHTS_FILE)  # it may be damaged
@@ -122,20 +96,7 @@ def train(
 
 
 def check_machine(problem: Problem, device: str | None) -> None:
-    """Check that this machine can train a network.
-
-    Parameters
-    ----------
-    problem
-        The network, and what it learns from.
-    device
-        "cpu" or "cuda"; None uses a GPU if there is one.
-
-    Raises
-    ------
-    TrainingError
-        There is not enough memory, or no such device.
-    """
+    """Check that this machine can train a network."""
     needed, there, what = problem.memory_bytes(), memory_bytes(), "machine"
     if device_of(device).type == "cuda":  # which holds the network and all it computes
         there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
@@ -148,13 +109,7 @@ def check_machine(problem: Problem, device: str | None) -> None:
 
 
 def device_of(name: str | None) -> torch.device:
-    """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one.
-
-    Raises
-    ------
-    TrainingError
-        There is no such device.
-    """
+    """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one."""
     has_cuda = torch.cuda.is_available()
     if name == "cuda" and not has_cuda:
         raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
@@ -181,17 +136,7 @@ def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[lis
 
 
 def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
-    """Return the optimizer of a training.
-
-    Parameters
-    ----------
-    problem, schedule
-        What is trained, and how.
-
-    Returns
-    -------
-    The optimizer; `learn` sets its rate.
-    """
+    """Return the optimizer of a training."""
     return torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
 
 
@@ -203,28 +148,7 @@ def learn(
     batch: list[Tensor],
     place: torch.device,
 ) -> float:
-    """Learn from a batch.
-
-    Parameters
-    ----------
-    problem, schedule, optimizer
-        What is trained, and how.
-    step
-        Number of the step.
-    batch
-        What `Problem.batch` returned for it.
-    place
-        Where to compute.
-
-    Returns
-    -------
-    The mean loss.
-
-    Raises
-    ------
-    TrainingError
-        The loss is not finite.
-    """
+    """Learn from a batch."""
     for group in optimizer.param_groups:
         group["lr"] = schedule.rate(step)
     losses = problem.losses([one.to(place) for one in batch])

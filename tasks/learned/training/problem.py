@@ -26,19 +26,7 @@ _BYTES_PER_SCORED_PX = 750  # at most that much was measured, by reconstruction 
 
 
 class Problem(ABC):
-    """A network, the crops from which it learns, and those on which it is scored.
-
-    Parameters
-    ----------
-    network
-        The network.
-    settings
-        The settings of its training.
-    light
-        The light of the crops.
-    seed
-        Seed of the crops.
-    """
+    """A network, the crops from which it learns, and those on which it is scored."""
 
     architecture: ClassVar[str]
     score: ClassVar[str]
@@ -61,29 +49,11 @@ class Problem(ABC):
 
     @abstractmethod
     def sample(self, crop: Crop, run_in: int) -> Arrays:
-        """Return the arrays that are learned from a crop.
-
-        Parameters
-        ----------
-        crop
-            The crop.
-        run_in
-            Number of its first windows that are not learned from.
-
-        Returns
-        -------
-        Arrays; inputs first, then truths.
-        """
+        """Return the arrays that are learned from a crop."""
 
     @abstractmethod
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
-        """Yield the losses of a batch of samples; the network learns from each before the next.
-
-        Parameters
-        ----------
-        batch
-            The arrays of `sample`, with the crops as the first axis.
-        """
+        """Yield the losses of a batch of samples; the network learns from each before the next."""
 
     @abstractmethod
     def network_score(self, batch: Sequence[Tensor]) -> float:
@@ -91,17 +61,7 @@ class Problem(ABC):
 
     @abstractmethod
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
-        """Return the score of each baseline on a crop.
-
-        Parameters
-        ----------
-        crop, sample
-            The crop, and its sample.
-
-        Returns
-        -------
-        One score for each of `baselines`.
-        """
+        """Return the score of each baseline on a crop."""
 
     @abstractmethod
     def step_bytes(self) -> int:
@@ -169,10 +129,6 @@ class Problem(ABC):
         ----------
         device
             The network's device.
-
-        Returns
-        -------
-        The scores of the network and of each baseline, by light.
         """
         self.network.eval()
         with torch.inference_mode():

@@ -20,14 +20,10 @@ class Progress:
 
     Parameters
     ----------
-    step
-        Number of completed steps.
     seconds
         Time that these took, s.
     curve
         Step, seconds, loss and scores of each validation, by name.
-    losses
-        Losses of the steps since the last validation.
     """
 
     step: int = 0
@@ -39,22 +35,7 @@ class Progress:
 def save_checkpoint(
     folder: Path, progress: Progress, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> None:
-    """Write everything on which the next steps depend.
-
-    Parameters
-    ----------
-    folder
-        Folder of the training.
-    progress
-        Its progress.
-    network, optimizer
-        The network and the optimizer whose states are written.
-
-    Raises
-    ------
-    RenderError
-        The checkpoint cannot be written; the one before stays.
-    """
+    """Write everything on which the next steps depend."""
     content = {
         "step": progress.step,
         "seconds": progress.seconds,
@@ -67,26 +48,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
-    """Load the last checkpoint, if there is one.
-
-    Parameters
-    ----------
-    folder
-        Folder of the training.
-    network, optimizer
-        Set to the states in the checkpoint.
-
-    Returns
-    -------
-    The progress at the checkpoint, or that of a new training.
-
-    Raises
-    ------
-    WeightsError
-        The checkpoint cannot be read.
-    TrainingError
-        The checkpoint is of another training.
-    """
+    """Load the last checkpoint, if there is one."""
     file = folder / CHECKPOINT_FILE
     if not file.exists():
         return Progress()

@@ -40,15 +40,6 @@ class Reconstruction(Problem):
     itself, the images that nothing can reconstruct would decide what is learned. Ranks are those in
     an area as large as a tile of the score on wide sensors. On narrow ones tiles are smaller; so
     the same is added for tiles of the image, each brought to the mean and contrast of ranks.
-
-    Parameters
-    ----------
-    settings
-        The settings.
-    light
-        The light of the crops.
-    seed
-        Seed of the crops and of the initial weights.
     """
 
     architecture = RECONSTRUCTION
@@ -153,8 +144,6 @@ def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
     ----------
     images
         (B, S, S), S a multiple of the number of tiles.
-    tiles
-        Number of tiles along a side.
 
     Returns
     -------

@@ -32,23 +32,10 @@ class FinalScores:
 
     Parameters
     ----------
-    score
-        Name of the score, with its unit.
-    baselines
-        Names of the baselines.
     scores
         Mean scores on the held-out crops by light: of the network, then of each baseline.
     seconds
         Time that the training took, s.
-    steps
-        Number of its steps.
-    device
-        Where it ran: cpu or cuda.
-
-    Raises
-    ------
-    TrainingError
-        There are no scores, or a light does not have one of each.
     """
 
     score: str
@@ -77,23 +64,9 @@ def opened(
 
     Parameters
     ----------
-    folder
-        The folder.
-    settings
-        Everything that determines the training, as values for JSON.
     made_with
         Code, machine and versions of this start; those of earlier ones that left a checkpoint are
         kept next to them.
-
-    Returns
-    -------
-    A context manager.
-
-    Raises
-    ------
-    TrainingError
-        The folder is of another training or has lost its settings, or another process is training
-        in it.
     """
     file = folder / SETTINGS_FILE
     try:
@@ -151,13 +124,7 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """Return the settings and the origin of a training.
-
-    Raises
-    ------
-    TrainingError
-        The folder is not that of a training, or the file is damaged.
-    """
+    """Return the settings and the origin of a training."""
     file = folder / SETTINGS_FILE
     if not file.exists():
         raise TrainingError(f"{file}: no such file, expected a training's folder")
@@ -172,26 +139,12 @@ def read_description(folder: Path) -> dict[str, Any]:
 
 
 def read_scores(folder: Path) -> FinalScores:
-    """Return the scores of a finished training.
-
-    Raises
-    ------
-    TrainingError
-        The file is missing or damaged.
-    """
+    """Return the scores of a finished training."""
     return read_json(FinalScores, folder / SCORES_FILE, TrainingError)
 
 
 def write_curve(folder: Path, curve: list[Row]) -> None:
-    """Write the learning curve as a table.
-
-    Parameters
-    ----------
-    folder
-        Folder of the training.
-    curve
-        Its rows, at least one.
-    """
+    """Write the learning curve as a table."""
     text = io.StringIO(newline="")
     table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
     table.writeheader()

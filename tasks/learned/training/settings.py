@@ -28,29 +28,10 @@ class Schedule:
 
     Parameters
     ----------
-    steps
-        Number of steps; each has its own crops.
-    crops_per_step
-        Number of crops in the batch of a step.
     learning_rate
         Largest learning rate. It rises linearly, and falls to 0 along a cosine over all steps.
-    rising_steps
-        Steps in which the learning rate rises.
-    weight_decay
-        Weight decay of AdamW.
-    largest_gradient
-        Norm to which larger gradients are clipped.
-    validate_every
-        Steps from one validation to the next.
     validation_crops
         Number of held-out crops, each seen with ideal pixels and at cutoffs of 200 Hz and 50 Hz.
-    checkpoint_minutes
-        Time from one checkpoint to the next.
-
-    Raises
-    ------
-    TrainingError
-        A number is not positive, or the learning rate is above 1.
     """
 
     steps: int = 4800
@@ -89,21 +70,9 @@ class ReconstructionTraining:
 
     Parameters
     ----------
-    crops
-        What crops look like.
-    schedule
-        How long and how fast to learn.
-    bins
-        Bins of the voxel grids.
-    base_channels
-        Channels at full resolution; each encoder doubles them.
-    encoders, residual_blocks
-        Numbers of encoders and of residual blocks.
     run_in_windows
         Largest number of windows before those that are learned from; each step draws its own
         number. Their events enter the sums of events, so that the network sees sums of all ages.
-    windows
-        Number of windows that are learned from, in each crop.
     windows_at_once
         Number of windows through which gradients flow, a divisor of `windows`. The network's memory
         lasts through all windows.
@@ -113,11 +82,6 @@ class ReconstructionTraining:
     tiles
         Number of tiles along a side of a crop, in which images are compared once more, whatever
         their mean and contrast.
-
-    Raises
-    ------
-    TrainingError
-        A number is out of range.
     """
 
     crops: Crops = field(default_factory=Crops)
@@ -171,26 +135,13 @@ class FlowTraining:
 
     Parameters
     ----------
-    crops
-        What crops look like.
-    schedule
-        How long and how fast to learn.
-    bins
-        Bins of the voxel grids.
     narrower
         Divisor of the number of channels of each of E-RAFT's layers: 1, 2, 4, 8 or 16.
     windows
         Number of windows of each crop; all but the first are learned from, each with the one before
         it.
-    updates
-        Number of updates of the flow.
     fading
         Weight of an update in the loss relative to the next one's.
-
-    Raises
-    ------
-    TrainingError
-        A number is out of range.
     """
 
     crops: FlowCrops = field(default_factory=FlowCrops)
@@ -248,19 +199,8 @@ def find_training(known: dict[str, T], name: str) -> T:
 
     Parameters
     ----------
-    known
-        Settings that come with eres, by name.
     name
         One of the names, or a TOML file with some of the fields; the others have their defaults.
-
-    Returns
-    -------
-    The settings.
-
-    Raises
-    ------
-    TrainingError
-        There is no such name or file, or a field is wrong; the message names it.
     """
     if name in known:
         return known[name]

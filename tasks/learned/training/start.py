@@ -32,32 +32,15 @@ def start(
 
     Parameters
     ----------
-    settings
-        The settings.
     light
         "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each.
     seed
         Seed of the crops and of the initial weights. The light changes neither the textures,
         motions and thresholds of the crops nor the initial weights.
-    folder
-        Folder of the training.
-    device
-        "cpu" or "cuda"; None uses a GPU if there is one.
-    made_with
-        Code, machine and versions, for the card.
-    on_progress
-        Called after each step.
 
     Returns
     -------
     The problem with its network, and scores on the held-out crops, by light.
-
-    Raises
-    ------
-    TrainingError
-        The folder is of another training, or the training cannot be carried out.
-    WeightsError
-        The checkpoint in the folder cannot be read.
     """
     problem: Problem
     if isinstance(settings, FlowTraining):

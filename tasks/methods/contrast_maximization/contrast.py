@@ -146,16 +146,8 @@ def contrast_at(patch, work, vx, vy):
 
     Parameters
     ----------
-    patch
-        A `Patch`.
-    work
-        Its `Work`, overwritten.
     vx, vy
         The flow, px per window.
-
-    Returns
-    -------
-    The contrast, relative to the square of the mean number of events per pixel.
     """
     work.pixels[:] = 0.0
     _vote(patch, vx, vy, work)

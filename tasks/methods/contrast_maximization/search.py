@@ -20,8 +20,6 @@ def find_sharpest(patch, work, initial, reach, simplex):
 
     Parameters
     ----------
-    patch, work
-        As in `contrast_at`.
     initial
         (2,) flow from which to start, px per window.
     reach
@@ -29,10 +27,6 @@ def find_sharpest(patch, work, initial, reach, simplex):
     simplex
         (3, 3): a row for each of the first three points: x and y from the initial flow, and room
         for the loss. Overwritten by the last three points, the best one first.
-
-    Returns
-    -------
-    Number of images of warped events.
     """
     for i in range(3):
         simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])

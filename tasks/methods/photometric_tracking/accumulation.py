@@ -39,12 +39,8 @@ class RobustSum:
 
     Parameters
     ----------
-    cost
-        Robust sum of squares, Eq. (15).
     gradient, hessian
         (6 M,) gradient and (6 M, 6 M) Gauss-Newton Hessian in the M control poses.
-    outside
-        Number of events that see a point outside the reference view.
     """
 
     cost: float
@@ -54,19 +50,7 @@ class RobustSum:
 
 
 def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
-    """Sum up the residuals of a problem at a path.
-
-    Parameters
-    ----------
-    problem, level
-        The events, and the reference view.
-    path
-        The path.
-
-    Returns
-    -------
-    The cost with its derivatives.
-    """
+    """Sum up the residuals of a problem at a path."""
     C = problem.contrast_threshold
     R = np.ascontiguousarray(path.controls[:, :3, :3])
     p = np.ascontiguousarray(path.controls[:, :3, 3])

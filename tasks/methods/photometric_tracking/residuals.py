@@ -21,13 +21,7 @@ _COARSE_RESIDUALS = 8000  # enough for a blurred reference view
 
 
 def knots_us(path: Trajectory) -> tuple[int, int]:
-    """Return the interval between a path's knots, and its duration, in microseconds.
-
-    Raises
-    ------
-    TaskError
-        The knots are not even, or not a whole number of microseconds apart.
-    """
+    """Return the interval between a path's knots, and its duration, in microseconds."""
     intervals_us = 1e6 * np.diff(path.knots_s)
     interval_us = round(intervals_us[0])
     if interval_us < 1 or np.abs(intervals_us - interval_us).max() > 1e-3:
@@ -72,13 +66,6 @@ class Problem:
 
 def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
     """Select the events of a sample that have another one before or after them at their pixel.
-
-    Parameters
-    ----------
-    sample
-        The sample.
-    duration_us
-        Only events before this time are used.
 
     Returns
     -------
@@ -132,20 +119,7 @@ def distance_m(sample: TrackingSample) -> float:
 
 
 def join_events(problem: Problem, events: int) -> Problem:
-    """Join consecutive events at a pixel into one, with the sum of their polarities.
-
-    Parameters
-    ----------
-    problem
-        The events.
-    events
-        How many become one; the remainder at a pixel becomes one too.
-
-    Returns
-    -------
-    The problem with the joined events. If more than `_COARSE_RESIDUALS` are left, only every n-th
-    pixel is used.
-    """
+    """Join consecutive events at a pixel into one, with the sum of their polarities."""
     if events == 1:
         return problem
     x, y, t_us, t_before_us, p = problem.events

@@ -22,22 +22,7 @@ Found = tuple[Trajectory, RobustSum, int, bool]
 
 
 def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Found:
-    """Search on one reference view after another.
-
-    Parameters
-    ----------
-    problem
-        The events.
-    path
-        Start of the search.
-    levels
-        Reference views, the coarsest first.
-
-    Returns
-    -------
-    The path, its sum on the last level, the number of passes over the events on all levels, and
-    whether the search on the last level converged.
-    """
+    """Search on one reference view after another."""
     passes, converged = 0, False
     state = RobustSum(math.nan, np.empty(0), np.empty((0, 0)), 0)
     for level in levels:
@@ -127,14 +112,8 @@ def moved(path: Trajectory, step: Float64) -> Trajectory:
 
     Parameters
     ----------
-    path
-        The path.
     step
         (M, 6): translations, then rotation vectors that are applied on the left.
-
-    Returns
-    -------
-    The new path.
     """
     controls = path.controls.copy()
     controls[:, :3, 3] += step[:, :3]

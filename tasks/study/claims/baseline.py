@@ -25,18 +25,7 @@ class BaselineClaim(Claim):
     """Every method is better than its starting point in every cell."""
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-        """Count the cells in which each method is better.
-
-        Parameters
-        ----------
-        scores, scaling
-            As `Claim.judge` takes them.
-
-        Returns
-        -------
-        Verdict
-            It follows from one outcome for each cell.
-        """
+        """Count the cells in which each method is better."""
         found = {one: _outcomes(scores, one) for one in shown_series(scores) if one.is_method}
         counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
         scope = scope_text(samples=min(counts, default=None))

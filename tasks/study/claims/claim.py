@@ -32,10 +32,6 @@ class Claim(ABC):
 
     Attributes
     ----------
-    number
-        Number of the claim; verdicts are sorted by it.
-    title, statement
-        The claim in a few words, and in full.
     note
         How the paper is read where it contradicts itself, and what else a reader should know.
     """
@@ -74,19 +70,10 @@ class Claim(ABC):
 
         Parameters
         ----------
-        outcomes
-            Whether the claim holds, for each scene or cell.
         ours, paper
             Our numbers and the paper's, a line for each scene; or what is missing.
-        scope
-            Scenes and samples that the verdict is based on, in words.
         likeness
             On how many scenes our numbers are like the paper's, in words.
-
-        Returns
-        -------
-        Verdict
-            The claim in words, its status and the numbers.
         """
         note = f"{self.note} {scope}".strip()
         status = status_of(outcomes)
@@ -247,15 +234,8 @@ def scope_text(only: Collection[str] = (), samples: int | None = None) -> str:
 
     Parameters
     ----------
-    only
-        Scenes that are judged, if others are missing.
     samples
         Samples of the scene that has the fewest; None if their number does not matter.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
     """
     parts = [f"Judged on {join_words([*only])} only"] if only else []
     if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:

@@ -72,20 +72,9 @@ def suffers_less(
 
     Parameters
     ----------
-    name
-        The method in words.
-    series
-        The scores to read.
     growths, photometric
         Growth of the error when the light falls, at each of `WIDTHS`: of the method, and of
         photometric flow.
-    beside, note
-        As in `SceneClaim`.
-
-    Returns
-    -------
-    SceneClaim
-        The claim.
     """
     quotients = [other / own for other, own in zip(photometric, growths, strict=True)]
     return SceneClaim(

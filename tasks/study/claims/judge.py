@@ -39,13 +39,6 @@ CLAIMS: tuple[Claim, ...] = (
 def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     """Return the claims that a run is about.
 
-    Parameters
-    ----------
-    config
-        The content of its study.json.
-    scores
-        Its scores.
-
     Returns
     -------
     tuple of Claim
@@ -70,18 +63,11 @@ def judge_readings(
 
     Parameters
     ----------
-    config
-        The content of its study.json.
     readings
         Scores of each contrast threshold by photoreceptor; the claims are judged at the first.
     scaling
         The run's scaling statistics by scene. Times between events are those of the first
         photoreceptor, so with others, claims about them are not measured.
-
-    Returns
-    -------
-    dict
-        The verdicts by photoreceptor; none if no claim is measured with the first.
     """
     (first, (shown, *_)), *others = readings.items()
     claims = claims_of(config, shown)

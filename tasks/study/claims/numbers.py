@@ -53,13 +53,7 @@ class SceneScores:
         return self.series._replace(task=task, method=method)
 
     def median(self, where: SceneCell) -> float:
-        """Return the median score of one cell.
-
-        Raises
-        ------
-        NotMeasured
-            The cell is not complete.
-        """
+        """Return the median score of one cell."""
         self.require([where])
         return float(np.median(self.cell(where).values))
 
@@ -70,30 +64,17 @@ class SceneScores:
         ----------
         cutoff_hz
             Photoreceptor cutoff, Hz.
-        speed
-            Factor on the base speed.
 
         Returns
         -------
         int
             Sensor width, px.
-
-        Raises
-        ------
-        NotMeasured
-            The cell of a width is not complete.
         """
         sign = self.metric.sign
         return max(WIDTHS, key=lambda w: sign * self.median(SceneCell(w, cutoff_hz, speed)))
 
     def require(self, needed: Iterable[SceneCell]) -> None:
-        """Check that cells are complete.
-
-        Raises
-        ------
-        NotMeasured
-            A cell is not complete; the text names one or two.
-        """
+        """Check that cells are complete."""
         missing = [where for where in needed if not self.cell(where).complete]
         if not missing:
             return
@@ -113,27 +94,7 @@ class SceneScores:
 
 
 def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
-    """Evaluate a statistic of a scene's medians, with its interval.
-
-    Parameters
-    ----------
-    statistic
-        The statistic.
-    scenes
-        One scene, or several for the mean over them.
-
-    Returns
-    -------
-    Estimate
-        Value and bootstrap interval over the samples. The draws of an extreme of several noisy
-        numbers lie beyond the extreme itself, so its interval is made of those of its parts.
-
-    Raises
-    ------
-    NotMeasured
-        There are no event rates, as in the paper's tables, or a value is 0 where the statistic
-        divides or takes a logarithm.
-    """
+    """Evaluate a statistic of a scene's medians, with its interval."""
     rates = statistic.of_rates
     cells = [{at: on.cell(at) for at in statistic.cells} for on in scenes]
     every = [cell for of_scene in cells for cell in of_scene.values()]
@@ -300,10 +261,5 @@ def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity
         The widths, px.
     cutoff_hz
         Photoreceptor cutoff, Hz.
-
-    Returns
-    -------
-    dict
-        "best", and "lead", which decides.
     """
     return {"best": Best(cutoff_hz), "lead": Number(lead(widths, cutoff_hz), above=0)}

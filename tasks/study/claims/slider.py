@@ -79,18 +79,7 @@ class SliderClaim(Claim):
         return prints if set(PRINTS) - set(prints) else []
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-        """Compare the two distances at the highest speed.
-
-        Parameters
-        ----------
-        scores, scaling
-            As `Claim.judge` takes them.
-
-        Returns
-        -------
-        Verdict
-            It follows from one outcome for each print, light and deciding series.
-        """
+        """Compare the two distances at the highest speed."""
         del scaling
         outcomes: list[Status] = []
         lines: list[str] = []

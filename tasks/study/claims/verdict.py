@@ -33,8 +33,6 @@ class Verdict:
         Our numbers, a line for each scene, with 95 % intervals over samples; or what is missing.
     paper
         The paper's numbers, a line for each scene.
-    note
-        How the claim was read and judged.
     likeness
         On how many scenes our numbers are like the paper's; "" if it has none or we have no
         interval.
@@ -78,18 +76,8 @@ def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
 
     Parameters
     ----------
-    estimate
-        The number with its interval.
     above
         Whether the claim says that the number lies above the bound, not below.
-    bound
-        The bound.
-
-    Returns
-    -------
-    Status
-        UNDECIDED if the interval includes the bound or is on the other side of it than the number,
-        or if the samples are too few for an interval.
     """
     if not estimate.settles(bound):
         return Status.UNDECIDED
@@ -97,19 +85,7 @@ def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
 
 
 def status_of(outcomes: Iterable[Status]) -> Status:
-    """Combine the outcomes on scenes, in cells or of numbers.
-
-    Parameters
-    ----------
-    outcomes
-        The outcomes.
-
-    Returns
-    -------
-    Status
-        DOES_NOT_HOLD if any outcome is that; else the least certain outcome, or NOT_MEASURED if
-        there is none.
-    """
+    """Combine the outcomes on scenes, in cells or of numbers."""
     found = set(outcomes)
     by_weight = (Status.DOES_NOT_HOLD, Status.NOT_MEASURED, Status.UNDECIDED, Status.HOLDS)
     return next((status for status in by_weight if status in found), Status.NOT_MEASURED)

@@ -42,37 +42,13 @@ _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)"
 
 
 def overview(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
-    """Return a table with one line per series.
-
-    Parameters
-    ----------
-    found
-        Choices by series.
-    base
-        Speed of the camera at factor 1.
-
-    Returns
-    -------
-    str
-        The rule in words, and the table.
-    """
+    """Return a table with one line per series."""
     lines = [(one, _scenes(choices)) for one, choices in found.items()]
     return f"{_wrapped(_rule_text(found, base))}\n\n{_table(found, lines)}"
 
 
 def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
-    """Return a table with one line per series and scene, including ties in brackets.
-
-    Parameters
-    ----------
-    found, base
-        As in `overview`.
-
-    Returns
-    -------
-    str
-        The rule in words, and the table.
-    """
+    """Return a table with one line per series and scene, including ties in brackets."""
     tied = (
         "In brackets: an even smaller width, if the samples do not separate it from the best "
         "(paired 95 % interval)."
@@ -83,18 +59,7 @@ def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str
 
 
 def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
-    """Return how many claims hold, which, and what changes with another photoreceptor.
-
-    Parameters
-    ----------
-    judged
-        Verdicts by photoreceptor, as `tasks.study.claims.judge.judge_readings` returns them.
-
-    Returns
-    -------
-    str
-        A paragraph.
-    """
+    """Return how many claims hold, which, and what changes with another photoreceptor."""
     verdicts = next(iter(judged.values()))
     measured = [one for one in verdicts if one.status is not Status.NOT_MEASURED]
     if not measured:
@@ -118,18 +83,7 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
 
 
 def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
-    """Return a table of all claims with their verdicts, a column for each photoreceptor.
-
-    Parameters
-    ----------
-    judged
-        As in `claim_counts`.
-
-    Returns
-    -------
-    str
-        A Markdown table.
-    """
+    """Return a table of all claims with their verdicts, a column for each photoreceptor."""
     claims = next(iter(judged.values()))
     columns = [["", *(str(one.number) for one in claims)], ["claim", *(c.title for c in claims)]]
     for name, verdicts in judged.items():
@@ -139,19 +93,7 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
 
 
 def sample_worth(run: FinishedRun) -> str:
-    """Return how many independent samples those of each scene are worth, a line for each task.
-
-    Parameters
-    ----------
-    run
-        The run.
-
-    Returns
-    -------
-    str
-        The rule in words, and a Markdown table of the first method of each task: the lead of the
-        finest sensor over the next in the most light with a cutoff, at the lowest speed.
-    """
+    """Return how many independent samples those of each scene are worth, a line for each task."""
     found = {one: leads({"": run.scores}, one) for one in run.firsts}
     first = {one: leads_of_one[0] for one, leads_of_one in found.items() if leads_of_one}
     if not first:
@@ -272,11 +214,6 @@ def answers_of(run_dir: Path) -> dict[str, str]:
 
     Widths are those of each method on the default variant of each task. Only rows of the first
     photoreceptor and contrast threshold count.
-
-    Raises
-    ------
-    ResultError
-        As `tasks.study.report.finished_run.read_run` raises it.
     """
     run = read_run(run_dir)
     found = _choices_of(run)
@@ -295,25 +232,7 @@ def _choices_of(run: FinishedRun) -> dict[Series, Choices]:
 
 
 def with_answers(page: Path, answers: Mapping[str, str]) -> str:
-    """Replace the text between the comments of a Markdown page.
-
-    Parameters
-    ----------
-    page
-        File of the page; it is not written.
-    answers
-        Texts by name, as `answers_of` returns them.
-
-    Returns
-    -------
-    str
-        Text of the page with the answers.
-
-    Raises
-    ------
-    ResultError
-        The page cannot be read, has no such comments, or one of them names none of `answers`.
-    """
+    """Replace the text between the comments of a Markdown page."""
     expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
     with reading(page, "a Markdown page", ResultError):
         text = page.read_text(encoding="utf-8")

@@ -40,11 +40,6 @@ def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
     ----------
     plots
         Plots by name; the name is the first part of each panel's title.
-
-    Returns
-    -------
-    dict
-        The files by extension, ``png`` and ``svg``.
     """
     drawn, files = figure(plots), {}
     for kind, unwanted in {"png": "Software", "svg": "Date"}.items():

@@ -34,14 +34,6 @@ class FinishedRun:
 
     Attributes
     ----------
-    folder
-        Folder of the run.
-    found
-        Scores of each contrast threshold; the report shows the first.
-    environment
-        Versions, machine and command of the run, by name.
-    config
-        Resolved study.
     others
         Scores of each contrast threshold by photoreceptor, for those that the page does not show.
     """
@@ -186,18 +178,6 @@ class FinishedRun:
         ----------
         name
             Path in the run's folder.
-        reason
-            Why the file is expected; ends the error text.
-
-        Returns
-        -------
-        str
-            The URL.
-
-        Raises
-        ------
-        ResultError
-            The file is missing.
         """
         path = self.folder / name
         try:
@@ -212,20 +192,9 @@ def read_run(folder: Path, *others: Path) -> FinishedRun:
 
     Parameters
     ----------
-    folder
-        The folder.
     others
         Folders of runs of the same study with other weights of its networks; their scores join
         those of the first, and all else is that of the first.
-
-    Returns
-    -------
-    The run.
-
-    Raises
-    ------
-    ResultError
-        A file is missing or damaged, all rows are do-nothing rows, or as `scores_of_run` raises it.
     """
     (_, found), *further = scores_of_run(folder, *others).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)

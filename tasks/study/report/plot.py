@@ -49,8 +49,6 @@ class Axis:
 
     Attributes
     ----------
-    include
-        Values that the axis must reach.
     ticks
         Sets of (value, label) from fine to coarse. The drawer takes the first set with at most
         `most` labels in the visible range.
@@ -63,18 +61,7 @@ class Axis:
     most: int
 
     def ticks_within(self, low: float, high: float) -> Sequence[Tick]:
-        """Choose the ticks of a visible range.
-
-        Parameters
-        ----------
-        low, high
-            Ends of the range, in data units.
-
-        Returns
-        -------
-        sequence of (value, label)
-            Ticks inside the range.
-        """
+        """Choose the ticks of a visible range."""
         inside = [[tick for tick in ticks if low <= tick[0] <= high] for ticks in self.ticks]
         fitting = (ticks for ticks in inside if sum(bool(t[1]) for t in ticks) <= self.most)
         return next(fitting, inside[-1])
@@ -128,15 +115,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Panels that share the x axis and the series.
-
-    Attributes
-    ----------
-    labels_below
-        Whether series labels are below the first points.
-    own_axes
-        Whether each panel has its own y axis.
-    """
+    """Panels that share the x axis and the series."""
 
     title: str
     x: Axis
@@ -165,28 +144,9 @@ def plot(
 
     Parameters
     ----------
-    title, x_label, y_label
-        Texts; axis labels include the unit.
-    keys
-        Series, from coarse to fine.
-    panels
-        Panels; each has one line per key.
-    log_y
-        Whether the y axis is logarithmic if all values are positive.
-    include_y
-        Values that the y axis must reach.
-    labels_below
-        Whether series labels are below the first points.
-    limit
-        Limit on x.
     deciding
         Difference of y that decides between points. Each panel has its own y axis if a shared one
         hides this difference in one of them.
-
-    Returns
-    -------
-    Plot
-        Description for both drawers.
     """
     shown = [place for panel in panels for place in _places(panel)]
     include_x = () if limit is None else (limit.x,)
@@ -228,15 +188,8 @@ def sensor_keys(sensors: Iterable[SensorId], *, labeled: bool = False) -> list[K
 
     Parameters
     ----------
-    sensors
-        The sensors, from coarse to fine.
     labeled
         Whether the plot shows the name or the width at the first point.
-
-    Returns
-    -------
-    list of Key
-        One key per sensor.
     """
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))

@@ -26,13 +26,7 @@ Rows = Mapping[Text, Sequence[Text]]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table. `blocks` maps the heading of each block to its rows; "" is no heading.
-
-    Attributes
-    ----------
-    kind
-        CSS class.
-    """
+    """A table. `blocks` maps the heading of each block to its rows; "" is no heading."""
 
     caption: str
     heads: Sequence[Text]
@@ -46,22 +40,7 @@ def cutoff_text(cutoff_hz: float) -> Text:
 
 
 def score_text(scores: Scores, series: Series, where: Condition) -> Text:
-    """Print a median score.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
-    where
-        Condition.
-
-    Returns
-    -------
-    Text
-        Struck out if it is no better than doing nothing; a dash if samples are missing.
-    """
+    """Print a median score."""
     cell = scores.cell(series, where)
     if cell.median is None:
         return Text(MISSING)

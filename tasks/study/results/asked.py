@@ -48,13 +48,7 @@ class InLight(Protocol):
 
 
 class CutoffInLux(float):
-    """The photoreceptor cutoff, Hz, of a light that is given in lux.
-
-    Attributes
-    ----------
-    illuminance_lux
-        The illuminance of the scene.
-    """
+    """The photoreceptor cutoff, Hz, of a light that is given in lux."""
 
     illuminance_lux: float
 

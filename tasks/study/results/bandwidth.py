@@ -21,10 +21,5 @@ def usual_bus_hz(width: int) -> float:
     ----------
     width
         Width of the finest sensor of a study, px.
-
-    Returns
-    -------
-    float
-        Capacity; that of the slowest bus if all cameras are wider.
     """
     return max(capacities_hz(width), default=min(capacities_hz()))

@@ -35,8 +35,6 @@ def resampled_medians(
         (N,) int64, index of each value's sample, 0 to S - 1.
     training
         (N,) int64, index of each value's training, 0 to T - 1; every sample has values of all.
-    seed
-        Text that seeds the draws.
 
     Returns
     -------
@@ -61,13 +59,6 @@ def effective_samples(
     ----------
     values
         (N,) float64, a value of each sample, in the order of the path.
-
-    Returns
-    -------
-    float
-        N (1 - r) / (1 + r), 1 to N: what N samples are worth for a mean if values correlate by r
-        with their neighbors and by r^k over k samples. A negative r counts as 0. Equal values are
-        worth 1.
     """
     if np.ptp(values) < LAST_BITS:
         return 1.0

@@ -29,17 +29,11 @@ class Cell:
 
     Attributes
     ----------
-    scene
-        Scene of the samples; it seeds the bootstrap.
     values : (N,) float64
         Finite scores in the metric's unit, in the order of samples and items.
-    event_rates_hz : (N,) float64
-        Events per second of the whole sensor, for each value.
     failed : (N,) bool
         Whether the method gave up or ended far off. The value is then that of its starting point
         or of its end; it counts too.
-    sample : (N,) int64
-        Sample of each value, counted from 0.
     training : (N,) int64
         Run of each value, counted from 0, where several runs differ in the weights of networks.
     expected : int

@@ -22,16 +22,12 @@ class Pick:
 
     Attributes
     ----------
-    best
-        Sensor with the best median.
     enough
         Sensor of the smallest width with a median within the negligible difference of the best; of
         several, the one with the best median. If `worthwhile`, it also beats doing nothing.
     worthwhile
         Whether `best` beats doing nothing by more than the negligible difference. If not, no sensor
         is recommended.
-    gaining
-        Sensors that beat doing nothing.
     """
 
     best: SensorId
@@ -46,10 +42,6 @@ class Choice:
 
     Attributes
     ----------
-    event_rates_hz
-        Median event rate by sensor.
-    best, enough, worthwhile
-        Result of the rule for all sensors, as in `Pick`.
     tied
         Sensor of the smallest width, smaller than that of `enough`, that beats doing nothing and
         that the samples do not separate from the best: the paired 95 % interval of the difference
@@ -86,23 +78,8 @@ def choose(
 
     Parameters
     ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
-    scene
-        Scene of the condition.
     cutoff_hz
         Photoreceptor cutoff, Hz.
-    speed
-        Factor on the base speed.
-    among
-        Which sensors may be chosen; all by default.
-
-    Returns
-    -------
-    Choice or None
-        None if a sensor lacks samples.
     """
     metric = TASKS[series.task].metric
     sign = metric.sign
@@ -145,22 +122,7 @@ def choose(
 def pick(
     medians: Mapping[SensorId, float], nothing: Mapping[SensorId, float], metric: Metric
 ) -> Pick:
-    """Apply the rule to median scores.
-
-    Parameters
-    ----------
-    medians
-        Median score by sensor.
-    nothing
-        Median score of doing nothing by sensor; sensors can be missing.
-    metric
-        Metric of the scores.
-
-    Returns
-    -------
-    Pick
-        Each sensor is compared with doing nothing with the same sensor.
-    """
+    """Apply the rule to median scores."""
 
     def gain(one: SensorId) -> float:
         return metric.sign * (medians[one] - nothing[one]) if one in nothing else math.inf
@@ -183,22 +145,7 @@ def _tied(best: Cell, other: Cell, sign: float) -> bool:
 
 
 def choose_all(scores: Scores, series: Series, among: Callable[[SensorId], bool] = bool) -> Choices:
-    """Choose a sensor for every condition of a series.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
-    among
-        As for `choose`.
-
-    Returns
-    -------
-    Choices
-        One entry per condition.
-    """
+    """Choose a sensor for every condition of a series."""
     return {
         (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed, among)
         for scene in scores.scenes(series)

@@ -151,18 +151,9 @@ def comparison_table(
 
     Parameters
     ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
     speeds
         Factors on the base speed; all if None. ``[1.0]`` gives the layout of the paper's Table 2,
         all speeds give that of its appendix.
-
-    Returns
-    -------
-    ComparisonTable
-        One block per scene and speed.
     """
     cutoffs_hz = tuple(scores.cutoffs_hz(series))
     shown = scores.speeds(series) if speeds is None else list(speeds)
@@ -278,15 +269,6 @@ def _rate(series: Series, entry: Entry, line: Line) -> str:
 def native_px(value: float | None, line: Line, series: Series) -> float | None:
     """Convert a score to pixels of the sensor.
 
-    Parameters
-    ----------
-    value
-        Score in the unit of the metric, or None.
-    line
-        Line of the table; sets the sensor.
-    series
-        Method and task; sets the metric.
-
     Returns
     -------
     float or None
@@ -300,13 +282,6 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
 
 def line_label(line: Line, series: Series) -> str:
     """Name a line of a table.
-
-    Parameters
-    ----------
-    line
-        Line of the table.
-    series
-        Method and task of the table.
 
     Returns
     -------

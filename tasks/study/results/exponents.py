@@ -13,22 +13,7 @@ from tasks.study.sensors import AREA
 
 
 def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -> list[str]:
-    """Say for each series in how many conditions the choice is the same at all exponents.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    series
-        The series.
-    base
-        Speed of the camera at factor 1.
-
-    Returns
-    -------
-    list of str
-        A sentence for each series; none for a study with one exponent at most.
-    """
+    """Say for each series in how many conditions the choice is the same at all exponents."""
     lines = []
     for one in series:
         parts = [sensor.name.partition(f" {AREA}") for sensor in scores.sensors(one)]

@@ -56,23 +56,7 @@ class Estimate:
         return min(self.low, self.value) > bound or max(self.high, self.value) < bound
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
-        """Format as ``+3.18 [+2.90, +3.40; n 12] dB``, where n are the effective samples.
-
-        Parameters
-        ----------
-        decimals
-            Number of decimals.
-        sign
-            "+" prints plus signs; "" prints minus signs only.
-        unit
-            Unit to append; can be empty.
-
-        Returns
-        -------
-        str
-            Value, with its interval if there is one. A negative bound that rounds to zero keeps
-            its minus sign, as it may decide a verdict, and so does a value below such a bound.
-        """
+        """Format as ``+3.18 [+2.90, +3.40; n 12] dB``, where n are the effective samples."""
         unit = f" {unit}" if unit else ""
         if self.low is None or self.high is None:
             return f"{number_text(self.value, decimals, sign)}{unit}"
@@ -94,12 +78,6 @@ class Medians(Generic[Key]):
 
     Attributes
     ----------
-    cells
-        Complete cells of a scene, with the same samples and items.
-    sign
-        Factor on all values.
-    of_rates
-        Whether the values are event rates in place of scores.
     drawn
         Whether there is a median for each bootstrap draw, (draws,), not one of all values, ().
     """
@@ -124,13 +102,6 @@ class Medians(Generic[Key]):
         ----------
         each
             Function of the values, (N,) each, to (N,).
-        keys
-            The cells that it needs.
-
-        Returns
-        -------
-        median
-            () or (draws,).
         """
         values = each({key: self._values(key) for key in keys})
         if not self.drawn:
@@ -139,18 +110,7 @@ class Medians(Generic[Key]):
         return resampled_medians(values, cell.sample, cell.training, cell.scene)
 
     def difference(self, one: Key, other: Key) -> NDArray[np.float64]:
-        """Return the median of the differences between the values of two cells.
-
-        Parameters
-        ----------
-        one, other
-            The cells.
-
-        Returns
-        -------
-        median
-            () or (draws,).
-        """
+        """Return the median of the differences between the values of two cells."""
         return self.of(lambda values: values[one] - values[other], (one, other))
 
     def _values(self, key: Key) -> NDArray[np.float64]:
@@ -174,12 +134,6 @@ def estimate(
     scenes
         Complete cells of one scene by any key, or of several for the mean over them; those of a
         scene have the same samples and items.
-    sign
-        Factor on all values.
-    of_rates
-        Whether to use event rates in place of scores.
-    tails
-        Shares of the draws below and above the interval.
 
     Returns
     -------

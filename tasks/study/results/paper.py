@@ -267,14 +267,10 @@ def published(
 
     Parameters
     ----------
-    scene, task, method, metric
-        Names as in `tasks.row.Row`.
     width
         Sensor width, px.
     cutoff_hz
         Photoreceptor cutoff, Hz; inf is the ideal setting.
-    speed
-        Factor on the base speed, matched to three decimals.
 
     Returns
     -------
@@ -293,11 +289,6 @@ def has_sensors(widths: Iterable[int], cutoffs_hz: Iterable[float]) -> bool:
         Sensor widths, px.
     cutoffs_hz
         Photoreceptor cutoffs, Hz.
-
-    Returns
-    -------
-    bool
-        True if all of them are.
     """
     return {*widths} <= {*WIDTHS} and {*cutoffs_hz} <= {*CUTOFFS_HZ}
 
@@ -307,15 +298,8 @@ def source(task: str, method: str, speeds: Iterable[float]) -> str | None:
 
     Parameters
     ----------
-    task, method
-        Names as in `tasks.row.Row`.
     speeds
         Factors on the base speed; the paper has a table of its own for the fastest.
-
-    Returns
-    -------
-    str or None
-        As in "Table 6"; None if the paper has no such table.
     """
     asked = {round(speed, 3) for speed in speeds}
     for table in _TABLES:

@@ -68,16 +68,8 @@ class SliderScore:
 
     Attributes
     ----------
-    picture
-        Name of the print.
-    task, method, metric
-        As in `tasks.row.Row`.
     width, height
         Size of the field of view, px.
-    distance_m
-        Distance from the wall.
-    speed_m_per_s
-        Speed of the slider.
     value
         dB, px at full width (RNEPE) or mm.
     """
@@ -94,18 +86,7 @@ class SliderScore:
 
 
 def worse_than_nothing(speed_m_per_s: float) -> int:
-    """Return how many of the paper's position errors at a speed are larger than `NOTHING_MM`.
-
-    Parameters
-    ----------
-    speed_m_per_s
-        One of `SPEEDS_M_PER_S`.
-
-    Returns
-    -------
-    int
-        Out of 9: three prints from three distances.
-    """
+    """Return how many of the paper's position errors at a speed are larger than `NOTHING_MM`."""
     return sum(
         one.value > NOTHING_MM
         for one in slider_scores()
@@ -114,13 +95,7 @@ def worse_than_nothing(speed_m_per_s: float) -> int:
 
 
 def slider_scores() -> list[SliderScore]:
-    """Return all numbers of the table.
-
-    Returns
-    -------
-    list of SliderScore
-        By print, distance, method and speed.
-    """
+    """Return all numbers of the table."""
     return [
         SliderScore(picture, *method, *size, distance_m, speed, float(number))
         for picture, block in _TABLE.items()

@@ -23,20 +23,7 @@ REQUIRED_SUCCESS = 0.8
 
 
 def sweep(scores: Scores, method: str) -> list[Series]:
-    """Return the series of a tracking method by ascending perturbation.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    method
-        Name of the method.
-
-    Returns
-    -------
-    list of Series
-        One series per perturbation.
-    """
+    """Return the series of a tracking method by ascending perturbation."""
     found = [
         (sigma, one)
         for one in scores.series()
@@ -51,18 +38,6 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
 
     Trials of all scenes count. The median over sensors is used as the coarsest ones can fail
     from any perturbation (the paper's 128 px is erratic too).
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    series
-        Tracking series of one perturbation.
-
-    Returns
-    -------
-    float or None
-        Share between 0 and 1, over conditions with all trials; None without any.
     """
     failed: dict[SensorId, list[NDArray[np.bool_]]] = {}
     conditions = scores.conditions(series)
@@ -79,16 +54,6 @@ def judged_series(scores: Scores) -> Series | None:
     """Return the series of `TRACKING` at the judged perturbation.
 
     This is the largest perturbation from which it reaches `REQUIRED_SUCCESS`.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-
-    Returns
-    -------
-    Series or None
-        None if no perturbation qualifies.
     """
     enough = [
         one

@@ -27,8 +27,6 @@ class Preview:
     scene, speed, width, cutoff_hz
         The scene, the factor on the base speed, and the sensor (px, Hz); in lux, the cutoff of
         plain sensors.
-    illuminance_lux, sensor
-        As in `tasks.row.Row`. Runs of older versions lack them.
     """
 
     file: str

@@ -22,14 +22,6 @@ class Lead:
 
     Attributes
     ----------
-    scene, cutoff_hz, speed
-        Condition, as in `tasks.study.results.cells.Condition`.
-    sensors
-        The two sensors, the finest first.
-    found
-        The lead with its interval, by photoreceptor; None if samples are missing.
-    choices
-        The sensor that is enough, by photoreceptor; None if samples are missing.
     paper
         The paper's lead; None if it lacks one of the two.
     """
@@ -44,20 +36,7 @@ class Lead:
 
 
 def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
-    """Return the leads of a series in every light but the ideal, where photoreceptors are equal.
-
-    Parameters
-    ----------
-    readings
-        Scores by photoreceptor; the first sets scenes, sensors, lights and speeds.
-    series
-        Method and task.
-
-    Returns
-    -------
-    list of Lead
-        Empty for a series with a single width.
-    """
+    """Return the leads of a series in every light but the ideal, where photoreceptors are equal."""
     first = next(iter(readings.values()))
     sensors = first.sensors(series)
     coarser = [one for one in sensors if one.width < sensors[-1].width]

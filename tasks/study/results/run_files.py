@@ -31,12 +31,6 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     folders
         The run's folder; or those of several runs of one study with other weights of its networks,
         whose values are then those of one run.
-
-    Raises
-    ------
-    ResultError
-        Two runs differ in more than weights, or as `read_rows`, `read_config` and `Scores` raise
-        it.
     """
     found = [read_rows(folder / "rows.parquet") for folder in folders]
     configs = [read_config(folder) for folder in folders]
@@ -67,15 +61,6 @@ def read_config(folder: Path) -> dict[str, Any]:
     ----------
     folder
         The run's folder.
-
-    Returns
-    -------
-    The content of its study.json.
-
-    Raises
-    ------
-    ResultError
-        The file is missing or damaged, or something that is read from it is of the wrong kind.
     """
     file = folder / "study.json"
     found = read_json(dict[str, Any], file, ResultError)

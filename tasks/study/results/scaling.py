@@ -54,16 +54,10 @@ class Scaling:
 
     Attributes
     ----------
-    scene, clip
-        Scene and index of the clip.
-    sizes_px
-        Sides of the pixels, in pixels of the frames.
     everywhere, edges
         Slopes over all pixels, and over the 5 % that are steepest at the finest size.
     edges_us
         Bin edges of the histograms, us.
-    intervals
-        One histogram per setting.
     job
         Key of the study's job that measured them.
     """
@@ -82,12 +76,8 @@ class Scaling:
 
         Parameters
         ----------
-        sensor
-            The sensor.
         cutoff_hz
             Photoreceptor cutoff, Hz.
-        speed
-            Factor on the base speed.
 
         Returns
         -------
@@ -109,19 +99,8 @@ def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str,
 
     Parameters
     ----------
-    folder
-        The folder `scaling` of a run.
     jobs
         Keys of the run's jobs, if they are known. What a job of another study measured is left out.
-
-    Returns
-    -------
-    The statistics by the names of the scenes.
-
-    Raises
-    ------
-    ResultError
-        A file is damaged; the error names it.
     """
     found = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
     return {one.scene: one for one in found if jobs is None or one.job in ("", *jobs)}

@@ -33,26 +33,6 @@ def by_photoreceptor(
     """Return the scores of each photoreceptor at each contrast threshold.
 
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
-
-    Parameters
-    ----------
-    rows
-        The rows of a run.
-    square
-        Whether sensors without a name are square.
-    trainings
-        As in `Scores`.
-
-    Returns
-    -------
-    dict
-        Scores of each threshold, in the order of the rows, by photoreceptor; "two_pole" is first,
-        the others are in the order of the rows.
-
-    Raises
-    ------
-    ResultError
-        As `Scores` raises it.
     """
     found = _divided(_some(rows), lambda row: row.photoreceptor)
     order = sorted(found, key=lambda name: name != "two_pole")
@@ -69,27 +49,7 @@ def by_threshold(
     trainings: int = 1,
     photoreceptor: str | None = None,
 ) -> list[Scores]:
-    """Return the scores of each contrast threshold of one photoreceptor.
-
-    Parameters
-    ----------
-    rows
-        The rows.
-    square, trainings
-        As in `by_photoreceptor`.
-    photoreceptor
-        As in `Scores`.
-
-    Returns
-    -------
-    list of Scores
-        In the order of the rows.
-
-    Raises
-    ------
-    ResultError
-        As `Scores` raises it.
-    """
+    """Return the scores of each contrast threshold of one photoreceptor."""
     found = _divided(_some(rows), lambda row: row.contrast_threshold)
     return [
         Scores(
@@ -150,10 +110,6 @@ class Scores:
     ----------
     contrast_threshold
         Contrast threshold of all sensors without their own, log units.
-    photoreceptor
-        Their photoreceptor.
-    contrast_thresholds
-        Contrast threshold of each sensor; a camera may have its own.
     asks_as_paper
         Whether all sensors and lights are the paper's, which has no buses. Only then are its
         numbers shown.
@@ -161,12 +117,6 @@ class Scores:
         Capacities of the buses that the events went through, events/s, by sensor.
     dropped
         Largest share of the events of a window that such a bus lost, by sensor.
-
-    Raises
-    ------
-    ResultError
-        There are no rows, a task or metric is unknown, two rows of a cell have the same sample and
-        item, or the rows have several contrast thresholds or photoreceptors.
     """
 
     def __init__(
@@ -242,14 +192,8 @@ class Scores:
 
         Parameters
         ----------
-        series
-            The series.
         scene
             Name of a scene; None for all scenes. Prints of a rig may have widths of their own.
-
-        Returns
-        -------
-        list of SensorId
         """
         return sorted({sensor_of(c) for c in self._conditions(series, scene)})
 
@@ -258,20 +202,7 @@ class Scores:
         return sorted({c.cutoff_hz for c in self._rows.get(series, ())}, reverse=True)
 
     def speeds(self, series: Series, scene: str | None = None) -> list[float]:
-        """Return the speeds of a series, ascending; factors follow speeds in m/s.
-
-        Parameters
-        ----------
-        series
-            The series.
-        scene
-            Name of a scene; None for all scenes.
-
-        Returns
-        -------
-        list of float
-            Factors on the base speed, or `MetersPerSecond`.
-        """
+        """Return the speeds of a series, ascending; factors follow speeds in m/s."""
         return sorted({c.speed for c in self._conditions(series, scene)}, key=_order)
 
     def conditions(self, series: Series) -> list[Condition]:
@@ -279,20 +210,7 @@ class Scores:
         return list(self._rows.get(series, ()))
 
     def cell(self, series: Series, condition: Condition) -> Cell:
-        """Return one cell.
-
-        Parameters
-        ----------
-        series
-            The series.
-        condition
-            The condition.
-
-        Returns
-        -------
-        Cell
-            Without values if nothing was measured.
-        """
+        """Return one cell."""
         key = series, condition
         if key not in self._cells:
             rows = self._rows.get(series, {}).get(condition, {})
@@ -300,38 +218,11 @@ class Scores:
         return self._cells[key]
 
     def samples(self, series: Series, scene: str) -> int:
-        """Return how many samples a complete cell has.
-
-        Parameters
-        ----------
-        series
-            The series.
-        scene
-            Name of a scene.
-
-        Returns
-        -------
-        int
-            Number of samples; 0 if the series has no rows on the scene.
-        """
+        """Return how many samples a complete cell has."""
         return len({sample for sample, _ in self._expected.get((series, scene), ())})
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
-        """Return the score of doing nothing under a condition, over the samples of `series`.
-
-        Parameters
-        ----------
-        series
-            The series to compare with.
-        condition
-            The condition.
-
-        Returns
-        -------
-        Cell
-            The baseline of the same variant and sensor; of the usual variant or of another sensor
-            if it was scored only there.
-        """
+        """Return the score of doing nothing under a condition, over the samples of `series`."""
         key = series, condition
         if key not in self._baselines:
             rows = self._nothing(series, condition)
@@ -340,13 +231,6 @@ class Scores:
 
     def published(self, series: Series, condition: Condition) -> float | None:
         """Return the paper's score under a condition.
-
-        Parameters
-        ----------
-        series
-            The series.
-        condition
-            The condition.
 
         Returns
         -------
@@ -449,42 +333,14 @@ def paper_scores() -> Scores:
 
 
 def base_speed(scores: Scores, series: Series) -> float:
-    """Return the speed factor nearest to 1, or the lowest speed in m/s.
-
-    Parameters
-    ----------
-    scores
-        The scores of a run.
-    series
-        A series with rows.
-
-    Returns
-    -------
-    float
-        As in `Condition`.
-    """
+    """Return the speed factor nearest to 1, or the lowest speed in m/s."""
     speeds = scores.speeds(series)
     in_m_s = [speed for speed in speeds if isinstance(speed, MetersPerSecond)]
     return min(in_m_s or speeds, key=lambda speed: speed if in_m_s else abs(math.log(speed)))
 
 
 def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:
-    """Return whether a median score is better than that of doing nothing.
-
-    Parameters
-    ----------
-    cell
-        The scores of a method.
-    nothing
-        The scores of the baseline under the same condition.
-    series
-        The series of `cell`.
-
-    Returns
-    -------
-    bool or None
-        None if either median is missing.
-    """
+    """Return whether a median score is better than that of doing nothing."""
     if cell.median is None or nothing.median is None:
         return None
     return TASKS[series.task].metric.sign * (cell.median - nothing.median) > 0

@@ -38,15 +38,6 @@ def cutoff_detail(cutoff_hz: float) -> str:
 def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     """Format a speed.
 
-    Parameters
-    ----------
-    scene
-        Name of the scene.
-    speed
-        As in `Condition`.
-    base
-        Speed of the camera at factor 1.
-
     Returns
     -------
     str
@@ -93,20 +84,7 @@ def share_text(share: float | None) -> str:
 
 
 def join_words(words: Sequence[str], last: str = "and") -> str:
-    """Join words as in "carpet, rocks and room".
-
-    Parameters
-    ----------
-    words
-        One or more words.
-    last
-        Word before the last one.
-
-    Returns
-    -------
-    str
-        Joined text.
-    """
+    """Join words as in "carpet, rocks and room"."""
     return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 

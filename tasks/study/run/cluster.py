@@ -111,19 +111,7 @@ def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
 
 
 def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
-    """Compute a job on a worker.
-
-    Parameters
-    ----------
-    order
-        The queued job, pickled.
-    versions
-        Versions of the code that pickled it.
-
-    Returns
-    -------
-    The result, or an error message if a retry would fail as well.
-    """
+    """Compute a job on a worker."""
     from distributed import get_worker
 
     worker = get_worker()

@@ -77,13 +77,7 @@ def compile_sensor() -> None:
 
 
 def compile_methods(methods: Sequence[str]) -> None:
-    """Run methods once on a small sample of a study's types; Numba caches their kernels.
-
-    Parameters
-    ----------
-    methods
-        "task:name" each.
-    """
+    """Run methods once on a small sample of a study's types; Numba caches their kernels."""
     for method in methods:
         task, name = method.split(":")
         load_method(task, name)(_SAMPLES[task]())

@@ -31,14 +31,8 @@ class ComputedJob:
 
     Parameters
     ----------
-    rows
-        The scores.
-    timings
-        Work and time of its stages.
     files
         Contents of highlights, if asked for, by path in the run's folder.
-    environment
-        Versions and machine that computed the job.
     """
 
     rows: list[Row]
@@ -51,13 +45,6 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
     """Render, simulate and score a job; the frames stay in this machine's cache.
 
     The sensors see each frame as soon as it is rendered.
-
-    Parameters
-    ----------
-    queued
-        The job.
-    on_progress
-        Called after each frame, then after each sensor.
 
     Returns
     -------

@@ -35,10 +35,6 @@ class JobEstimate:
 
     Parameters
     ----------
-    frames
-        Their number.
-    frame_bytes
-        Their size.
     frames_s
         Core seconds while there are frames: rendering, simulating, and methods with a state.
     samples_s
@@ -61,19 +57,7 @@ class JobEstimate:
 
 @dataclass(frozen=True, slots=True)
 class WorkEstimate:
-    """Estimated work of jobs.
-
-    Parameters
-    ----------
-    jobs, frames
-        Their numbers.
-    frame_bytes
-        Size of all frames; the cache may keep fewer.
-    seconds
-        Wall-clock time with all cores at work.
-    pace
-        As in `estimate_work`.
-    """
+    """Estimated work of jobs."""
 
     jobs: int
     frames: int
@@ -98,16 +82,8 @@ def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) ->
 
     Parameters
     ----------
-    jobs
-        The jobs.
-    cores
-        Number of cores that share the work.
     pace
         Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
-
-    Returns
-    -------
-    The estimate.
     """
     found = [estimate_job(job) for job in jobs]
     frames, size = sum(one.frames for one in found), sum(one.frame_bytes for one in found)
@@ -116,17 +92,7 @@ def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) ->
 
 
 def estimate_job(job: Job) -> JobEstimate:
-    """Estimate the work of one job.
-
-    Parameters
-    ----------
-    job
-        The job.
-
-    Returns
-    -------
-    The estimate.
-    """
+    """Estimate the work of one job."""
     render, frames = job.render, _frames(job)
     px = render.resolution * render.height_at(render.resolution)
     ns_px, ns_sample = _RENDER_NS_WITH_DEPTH if job.scene.plane is None else _RENDER_NS_ON_PLANE

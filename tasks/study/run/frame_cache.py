@@ -24,14 +24,8 @@ def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
 
     Parameters
     ----------
-    key
-        Name of the clip.
     needed_bytes
         Space to free for the clip if it is not in the cache.
-
-    Yields
-    ------
-    The folder, which may not exist yet.
     """
     folder = _root() / key
     with locked(_lock_file(folder), shared=True):

@@ -22,13 +22,6 @@ class Highlights:
 
     Of each sensor only the first photoreceptor and contrast threshold are used: films at the first
     speed, intervals between events at the lowest and the highest speed.
-
-    Parameters
-    ----------
-    queued
-        The job.
-    settings
-        All its sensors, at least one.
     """
 
     def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
@@ -46,15 +39,7 @@ class Highlights:
         }
 
     def push(self, setting: Setting, events: Events) -> None:
-        """Add the next events of one sensor.
-
-        Parameters
-        ----------
-        setting
-            The sensor.
-        events
-            Its events, those of the warm-up included.
-        """
+        """Add the next events of one sensor."""
         if setting not in self._used:
             return
         key = _sensor_of(setting)
@@ -65,13 +50,6 @@ class Highlights:
 
     def result(self, reference: ReferenceFrames, sequence: RadianceSequence) -> dict[str, bytes]:
         """Return the highlights, after the last event.
-
-        Parameters
-        ----------
-        reference
-            Frames as the first sensor sees them.
-        sequence
-            The whole frames.
 
         Returns
         -------

@@ -130,20 +130,7 @@ def weight_digests(evaluate: Mapping[str, TaskSettings]) -> dict[str, str]:
 
 
 def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]) -> None:
-    """Check that weights are those with which jobs began: the names of their rows say so.
-
-    Parameters
-    ----------
-    evaluate
-        The tasks.
-    begun
-        What `weight_digests` returned then.
-
-    Raises
-    ------
-    StudyError
-        A file has changed.
-    """
+    """Check that weights are those with which jobs began: the names of their rows say so."""
     for file, now in weight_digests(evaluate).items():
         if now != begun[file]:
             raise StudyError(f"{file}: changed while the study ran; start it again")
@@ -157,8 +144,6 @@ class QueuedJob:
     ----------
     job, key
         The job, and its key when the study began: a method may be edited meanwhile.
-    with_highlights
-        Whether to make the highlights of its scene for the report.
     """
 
     job: Job
@@ -167,29 +152,7 @@ class QueuedJob:
 
 
 def jobs_of(study: Study, scene: Scene) -> list[Job]:
-    """Return the jobs of a study on one scene.
-
-    Parameters
-    ----------
-    study
-        The study.
-    scene
-        One of its scenes.
-
-    Returns
-    -------
-    Jobs, those of the usual samples first.
-
-    Raises
-    ------
-    StudyError
-        The study asks for more samples than the path has, a stretch is longer than the path, a
-        warm-up is longer than the time between samples, a bus carries no event in a window, the
-        first sensor sees too few pixels, no method suits the scene, cameras of one lens do not face
-        its plane, or a distance is for a scene with depth.
-    SceneError
-        The view of the study's camera leaves the scene's plane.
-    """
+    """Return the jobs of a study on one scene."""
     # Checks the view of the study's camera.
     path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
     scale = scale_of(study.simulate, scene, path)
@@ -213,17 +176,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
 
 
 def distance_m_of(scene: Scene, path: Trajectory) -> float | None:
-    """Return the camera's median distance from the plane along its axis.
-
-    Parameters
-    ----------
-    scene, path
-        A scene and the path of its camera.
-
-    Returns
-    -------
-    Meters; None for a scene with depth.
-    """
+    """Return the camera's median distance from the plane along its axis."""
     if scene.plane is None:
         return None
     T = path.pose(np.linspace(0.0, scene.duration_s, _POSES))
@@ -231,24 +184,7 @@ def distance_m_of(scene: Scene, path: Trajectory) -> float | None:
 
 
 def scale_of(simulate: Simulate, scene: Scene, path: Trajectory) -> float:
-    """Return the factor by which a study enlarges a scene and its path.
-
-    Parameters
-    ----------
-    simulate
-        The sensors of the study, with its distance.
-    scene, path
-        A scene and the path of its camera.
-
-    Returns
-    -------
-    The factor; 1 without a distance.
-
-    Raises
-    ------
-    StudyError
-        The study gives a distance, and the scene has depth.
-    """
+    """Return the factor by which a study enlarges a scene and its path."""
     if simulate.distance_m is None:
         return 1.0
     own_m = distance_m_of(scene, path)
@@ -360,12 +296,6 @@ def _check_tracked(
 
     Parameters
     ----------
-    place
-        Name of the field with the speeds.
-    render, simulate
-        Settings of the samples.
-    delay_s
-        Longest delay that a method may find.
     left_s
         What is left of the scene's path when the last window starts, at base speed.
     """
@@ -482,17 +412,6 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     A method is tried on the first clip that suits it, with the smallest sensor and one sample. Its
     job uses the same frames later, except on a continuous stretch, of which a trial renders only
     one window.
-
-    Parameters
-    ----------
-    study
-        The study.
-    to_do, done
-        Its jobs without and with scores.
-
-    Returns
-    -------
-    The trial jobs; empty if no method is new.
     """
     known = set(_own_methods_of(done))
     new = [method for method in _own_methods_of(to_do) if method not in known]

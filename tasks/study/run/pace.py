@@ -28,11 +28,6 @@ _Sums = dict[str, tuple[float, float]]  # estimated and measured core seconds, b
 def pace_of(environment: Mapping[str, str]) -> float | None:
     """Return the pace of a machine.
 
-    Parameters
-    ----------
-    environment
-        As `tasks.provenance.environment` returns it there, or empty.
-
     Returns
     -------
     Measured core seconds of the machine's latest jobs over the estimated ones; None if the cache
@@ -47,12 +42,8 @@ def add_job(environment: Mapping[str, str], estimate: JobEstimate, timings: JobT
 
     Parameters
     ----------
-    environment
-        Environment of the machine.
     estimate
         Its estimated work; only the share of the frames counts that was not in the cache.
-    timings
-        Its measured work.
     """
     cached = 1.0 - min(1.0, timings.rendered_frames / estimate.frames)
     sums, machine = _read(), _machine(environment)

@@ -45,15 +45,8 @@ class Film:
 
         Parameters
         ----------
-        sensor
-            The sensor.
         frame_height, frame_width
             Size of the frames, px; sensors of all shapes show the same part, if they see it.
-
-        Returns
-        -------
-        Film
-            All sums are 0.
         """
         sees = crop_to_aspect(frame_height, frame_width, sensor.height, sensor.width)[1]
         scale = sensor.width / (sees.stop - sees.start)
@@ -68,8 +61,6 @@ class Film:
         ----------
         events
             Events of the whole sensor; those outside of the film's time do not count.
-        end_us
-            End of the film, in the time of the events.
         """
         start_us, side = end_us - round(FILM_S * 1e6), self.sums.shape[1]
         last = events.between(start_us, end_us)
@@ -89,16 +80,8 @@ def preview_files(
 
     Parameters
     ----------
-    job
-        The job.
     frames
         (H, W) radiance at the end of each picture of a film, in units of white.
-    films
-        Films at the first speed, by sensor and light as in `light_of`.
-
-    Returns
-    -------
-    Files by name: a PNG picture, WebP films and, last, `SCENE.json`, which describes them.
     """
     scene, speed = job.scene.name, job.simulate.speeds[0]
     files: dict[str, bytes] = {}

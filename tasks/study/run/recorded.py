@@ -14,13 +14,7 @@ from tasks.provenance import command, environment
 
 
 def check_recorded(out: Path) -> None:
-    """Refuse to write into the folder of a rendered study.
-
-    Raises
-    ------
-    StudyError
-        It has a study.json that does not list recordings.
-    """
+    """Refuse to write into the folder of a rendered study."""
     file = out / "study.json"
     if not file.exists():
         return
@@ -35,13 +29,9 @@ def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str,
 
     Parameters
     ----------
-    out
-        Folder of the run.
     recordings
         Folders of the events; study.json lists them under `recorded`, in place of the settings of
         a rendered study.
-    settings
-        Settings of the tasks that were scored.
     """
     config = {
         "name": "rig",

@@ -30,17 +30,8 @@ class RunFolder:
 
     Parameters
     ----------
-    folder
-        The folder, which may not exist.
-    jobs
-        All jobs of the study by their keys, in order.
     mix
         Whether the run may continue with another Mitsuba or device than it began with.
-
-    Raises
-    ------
-    StudyError
-        The folder is a file, or has other files by the names of a run's.
     """
 
     def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:
@@ -76,47 +67,17 @@ class RunFolder:
         return found
 
     def check(self, environment: Mapping[str, str]) -> None:
-        """Check that Mitsuba and the device are those of the finished jobs.
-
-        Parameters
-        ----------
-        environment
-            That of this start, as `tasks.provenance.environment` returns it, or empty.
-
-        Raises
-        ------
-        StudyError
-            They differ, and may not be mixed.
-        """
+        """Check that Mitsuba and the device are those of the finished jobs."""
         if not self._mix:
             check_renderer(self._environment, environment)
 
     def describe(self, study: Mapping[str, Any]) -> None:
-        """Write study.json, unless there are rows, which it describes.
-
-        Parameters
-        ----------
-        study
-            The resolved study.
-        """
+        """Write study.json, unless there are rows, which it describes."""
         if not (self._folder / "rows.parquet").exists():
             self._write("study.json", study)
 
     def keep(self, queued: QueuedJob, computed: ComputedJob) -> None:
-        """Write what a job returned.
-
-        Parameters
-        ----------
-        queued
-            The job.
-        computed
-            Its rows and files.
-
-        Raises
-        ------
-        StudyError
-            It was computed with another Mitsuba or device than the jobs before it.
-        """
+        """Write what a job returned."""
         self.check(computed.environment)  # workers of a cluster differ
         if queued.with_highlights:  # the list may be of another study's pictures, by these names
             self._index.unlink(missing_ok=True)
@@ -130,17 +91,7 @@ class RunFolder:
         self._has_other_rows = True
 
     def finish(self, study: Mapping[str, Any]) -> list[Row]:
-        """Write the rows of all jobs, and what describes them.
-
-        Parameters
-        ----------
-        study
-            The resolved study.
-
-        Returns
-        -------
-        The rows, in the order of the jobs.
-        """
+        """Write the rows of all jobs, and what describes them."""
         files = [self._previews_of(name) for name in self._first]
         if there := [file for file in files if file.exists()]:
             listed = chain.from_iterable(

@@ -33,19 +33,7 @@ _SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
 def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> IntervalHistogram:
-    """Return an empty histogram of the times between events of a sensor.
-
-    Parameters
-    ----------
-    sensor
-        The sensor.
-    window_us
-        Start and end of the window.
-
-    Returns
-    -------
-    A histogram over evenly spread rows of the sensor.
-    """
+    """Return an empty histogram of the times between events of a sensor."""
     every_row = max(1, sensor.height // _ROWS_USED)
     return IntervalHistogram(sensor.width, sensor.height, _BIN_EDGES_US, window_us, every_row)
 
@@ -59,8 +47,6 @@ def measure_scaling(
 
     Parameters
     ----------
-    sequence
-        Frames of the clip.
     dark_level
         Dark level of the first sensor, in the frames' unit of radiance.
     histograms
@@ -112,14 +98,8 @@ def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, byt
 
     Parameters
     ----------
-    scaling
-        The numbers.
     slope
         (H, W) L_t, 1/s.
-
-    Returns
-    -------
-    The picture of L_t and, last, the numbers, by file name.
     """
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
     share = central_crop(strength)[..., None]

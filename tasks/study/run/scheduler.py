@@ -50,13 +50,7 @@ class Scheduler(Protocol):
 
 @contextmanager
 def open_scheduler(address: str | None) -> Iterator[Scheduler]:
-    """Open the Dask scheduler at an address; with None, this process computes the jobs.
-
-    Raises
-    ------
-    TaskError
-        As `connected` raises it.
-    """
+    """Open the Dask scheduler at an address; with None, this process computes the jobs."""
     if address is None:
         yield ThisProcess()
         return

@@ -24,22 +24,7 @@ def sweeps(scores: Scores) -> dict[str, list[Series]]:
 
 
 def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
-    """List success and error of one method at base speed.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    found
-        Series of the method, as from `sweeps`.
-    scene
-        Name of a scene.
-
-    Returns
-    -------
-    Table
-        Cutoffs and perturbations as rows, sensors as columns.
-    """
+    """List success and error of one method at base speed."""
     metric, sensors = TASKS[found[0].task].metric, scores.sensors(found[0])
 
     def text(series: Series, of: SensorId, cutoff_hz: float) -> Text:
@@ -62,20 +47,7 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
 
 
 def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
-    """Plot success against perturbation at base speed, over all scenes.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    found, name
-        Series of a method and its name, as from `sweeps`.
-
-    Returns
-    -------
-    Plot
-        One panel per cutoff.
-    """
+    """Plot success against perturbation at base speed, over all scenes."""
     sensors = scores.sensors(found[0])
     panels = [
         Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, one, hz) for one in sensors])

@@ -41,8 +41,6 @@ class Answer:
 
     Attributes
     ----------
-    where
-        Light and speed in words.
     shown
         What the page shows without a limit, then for each bus of real cameras.
     kind

@@ -42,18 +42,7 @@ class Readings:
 
 
 def compare_photoreceptors(run: FinishedRun) -> Readings | None:
-    """Compare the photoreceptors of a run; None if it has only one.
-
-    Parameters
-    ----------
-    run
-        The run. The first contrast threshold of each photoreceptor counts.
-
-    Returns
-    -------
-    Readings or None
-        Tables with a column for each photoreceptor.
-    """
+    """Compare the photoreceptors of a run; None if it has only one."""
     if not run.others:
         return None
     readings = {run.scores.photoreceptor: run.scores}

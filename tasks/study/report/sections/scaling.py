@@ -42,13 +42,6 @@ def _law_text(law: PowerLaw | None) -> str:
 def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     """Plot histograms: highest cutoff at the lowest speed, lowest cutoff at both extreme speeds.
 
-    Parameters
-    ----------
-    one
-        Scaling statistics of a scene.
-    base
-        Speed of the camera at factor 1.
-
     Returns
     -------
     Plot

@@ -25,19 +25,8 @@ def compare_thresholds(
 
     Parameters
     ----------
-    found
-        Scores of each contrast threshold; the first sets scenes, sensors and cutoffs.
-    series
-        Method and task.
     bus_hz
         Capacity of a bus, events/s.
-    base
-        Speed of the camera at factor 1.
-
-    Returns
-    -------
-    dict
-        Plot, choices and scores at base speed, by scene; columns are thresholds, ascending.
     """
     ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
     first = found[0]

@@ -53,18 +53,7 @@ def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
 
 
 def method_table(costs: Sequence[JobTimings]) -> Table:
-    """List the time of an estimate by sensor, the number of estimates and their total time.
-
-    Parameters
-    ----------
-    costs
-        Times of the jobs.
-
-    Returns
-    -------
-    Table
-        A row for each method.
-    """
+    """List the time of an estimate by sensor, the number of estimates and their total time."""
     found: dict[Series, list[MethodTimings]] = {}
     for cost in (method for one in costs for method in one.methods):
         if cost.method != TASKS[cost.task].baseline:

@@ -29,19 +29,8 @@ def tradeoff_plots(
 
     Parameters
     ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
     bus_hz
         Capacity of a bus, events/s.
-    base
-        Speed of the camera at factor 1.
-
-    Returns
-    -------
-    dict
-        Plots by scene.
     """
     found = {}
     for scene in scores.scenes(series):
@@ -58,21 +47,10 @@ def score_plot(
 
     Parameters
     ----------
-    title
-        Title of the plot.
-    series
-        Method and task; sets the metric.
-    keys
-        One key per sensor.
     panels
         One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
     bus_hz
         Capacity of a bus, events/s.
-
-    Returns
-    -------
-    Plot
-        Description for both drawers.
     """
     metric = TASKS[series.task].metric
     errors = not metric.higher_is_better
@@ -108,24 +86,7 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: B
 def score_point(
     scores: Scores, series: Series, where: Condition, base: BaseSpeeds = PACKAGED
 ) -> Point | None:
-    """Make one point.
-
-    Parameters
-    ----------
-    scores
-        Scores of a run.
-    series
-        Method and task.
-    where
-        Condition of the point.
-    base
-        Speed of the camera at factor 1.
-
-    Returns
-    -------
-    Point or None
-        None if samples are missing or the sensor fired no events.
-    """
+    """Make one point."""
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
         return None
