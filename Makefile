@@ -26,7 +26,7 @@ docs: .venv/.docs
 	@echo "eres: build/docs/index.html"
 
 answers: .venv/.ready
-	$(BIN)/python -m tasks.study.report.answer docs/results/paper README.md docs/results.md
+	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

@@ -7,11 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from study_rows import EI, EPF, HF, nothing_rows, paper_rows
-from tasks.row import Row, write_rows
-from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.report.answer import (
+from answers import (
     answers_of,
     claim_counts,
     claim_list,
@@ -21,6 +17,10 @@ from tasks.study.report.answer import (
     sample_worth,
     with_answers,
 )
+
+from study_rows import EI, EPF, HF, nothing_rows, paper_rows
+from tasks.row import Row, write_rows
+from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.results.bootstrap import effective_samples
 from tasks.study.results.choice import Choices, answered, choose_all

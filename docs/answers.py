@@ -1,6 +1,6 @@
 """Write into Markdown pages which resolution is enough, and how many claims hold.
 
-    python -m tasks.study.report.answer RUN PAGE...
+    python docs/answers.py RUN PAGE...
 
 replaces the text between two comments in each page. The answers in README.md and docs/results.md
 are those of docs/results/paper.
@@ -249,7 +249,7 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
 def main(arguments: Sequence[str]) -> None:
     """Write the answers of a run into Markdown pages."""
     if len(arguments) < 2:
-        sys.exit("usage: python -m tasks.study.report.answer RUN PAGE...")
+        sys.exit("usage: python docs/answers.py RUN PAGE...")
     run_dir, *pages = map(Path, arguments)
     try:
         answers = answers_of(run_dir)
