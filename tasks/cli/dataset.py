@@ -27,7 +27,19 @@ class _AtEachCutoff(CameraOptions):
     ----------
     resolution
         Side of a square, plain sensor, px.
+    cutoffs
+        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels; by default that of the
+        sensor, or inf.
+    threshold_deviation
+        Standard deviation of the contrast threshold over the sequences, log units; its mean is
+        that of the sensor.
     """
+
+    cutoffs: Annotated[
+        tuple[float, ...] | None,
+        arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
+    ] = None
+    threshold_deviation: float = 0.03
 
     cutoff: Suppress[float | None] = None
     lux: Suppress[float | None] = None
@@ -52,11 +64,6 @@ def dataset(
     count: int = 100,
     seconds: float = 1.0,
     seed: int = 0,
-    cutoffs: Annotated[
-        tuple[float, ...] | None,
-        arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
-    ] = None,
-    threshold_deviation: float = 0.03,
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
@@ -83,12 +90,6 @@ def dataset(
         Length of each sequence after its warm-up, seconds.
     seed
         Seed of the dataset.
-    cutoffs
-        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels; by default that of the
-        sensor, or inf.
-    threshold_deviation
-        Standard deviation of the contrast threshold over the sequences, log units; its mean is
-        that of the sensor.
     spp
         Samples per pixel: 1, 4, 9, 16, ...
     max_displacement
@@ -117,15 +118,13 @@ def dataset(
             bus = sensor.given.get("bus", UNLIMITED)
             sensor = replace(sensor, electronics="ideal", bus=bus)  # type: ignore[call-arg]
     camera = sensor.camera(1, 1)
-    if cutoffs is None:
-        cutoffs = (camera.cutoff_hz,)
     try:
         settings = DatasetSettings(
             seed=seed,
             seconds=seconds,
             sensor=camera,
-            cutoffs_hz=cutoffs,
-            threshold_deviation=threshold_deviation,
+            cutoffs_hz=sensor.cutoffs or (camera.cutoff_hz,),
+            threshold_deviation=sensor.threshold_deviation,
             imu=imu,
             baseline_m=stereo,
             images_hz=images,

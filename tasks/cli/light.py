@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -37,37 +38,12 @@ def bake(
         terminal.out.print(str(file), soft_wrap=True)
 
 
-def render(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
-    out: Path,
-    resolution: int | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    camera: Path | None = None,
-    camera_name: str | None = None,
-    spp: int = 16,
-    max_displacement: float = 0.5,
-    duration: float | None = None,
-    samples: int | None = None,
-    continuous: bool = False,
-    trajectory: Path | None = None,
-    integrator: Literal["baked", "baked-full", "path", "emission"] | None = None,
-    seed: int = 0,
-    warmup: float | None = None,
-) -> None:
-    """Render HDR frames along a camera path.
-
-    Writes clips, one for every 0.5 s of the path, or one continuous sequence. A clip is a warm-up
-    for the sensor and then a 50 ms window. Each is a folder: half-float OpenEXR frames of linear
-    radiance, manifest.json, and poses in TUM's format. After an interruption the same command
-    continues with the first missing frame.
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Size of the frames and lens; by default the scene's view in 1280 x 1280 px.
 
     Parameters
     ----------
-    out
-        Folder for the clips.
     resolution
         Side of square frames, px; 1280 by default.
     width
@@ -81,6 +57,71 @@ def render(
         needs LLVM or a GPU.
     camera_name
         Which camera of a Kalibr file with several: cam0, cam1, ...
+    """
+
+    resolution: int | None = None
+    width: int | None = None
+    height: int | None = None
+    camera: Path | None = None
+    camera_name: str | None = None
+
+    def camera_of(self, scene: Scene) -> Camera:
+        """Return the camera of the file, or that of the scene with these sides."""
+        from eres_render import RenderError
+
+        sides = "resolution", "width", "height"
+        given = [f"--{side}" for side in sides if getattr(self, side) is not None]
+        if self.camera is not None:
+            if given:
+                raise RenderError(
+                    f"size of the frames: found --camera and {' and '.join(given)}, expected one "
+                    "of them; the file has the size"
+                )
+            from eres_render.calibration import read_camera
+
+            return read_camera(self.camera, self.camera_name)
+        if self.camera_name is not None:
+            raise RenderError(f"--camera-name: found {self.camera_name!r}, expected --camera")
+        if self.width is None and self.height is None:
+            return scene.camera(1280 if self.resolution is None else self.resolution)
+        if self.width is None or self.height is None or self.resolution is not None:
+            raise RenderError(
+                f"size of the frames: found {' and '.join(given)}, expected --resolution for "
+                "square frames, or --width and --height"
+            )
+        return scene.camera(self.width, self.height)
+
+
+OF_THE_SCENE = View()
+
+
+def render(
+    scene: Annotated[
+        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+    ],
+    out: Path,
+    spp: int = 16,
+    max_displacement: float = 0.5,
+    duration: float | None = None,
+    samples: int | None = None,
+    continuous: bool = False,
+    trajectory: Path | None = None,
+    integrator: Literal["baked", "baked-full", "path", "emission"] | None = None,
+    seed: int = 0,
+    warmup: float | None = None,
+    view: OmitArgPrefixes[View] = OF_THE_SCENE,
+) -> None:
+    """Render HDR frames along a camera path.
+
+    Writes clips, one for every 0.5 s of the path, or one continuous sequence. A clip is a warm-up
+    for the sensor and then a 50 ms window. Each is a folder: half-float OpenEXR frames of linear
+    radiance, manifest.json, and poses in TUM's format. After an interruption the same command
+    continues with the first missing frame.
+
+    Parameters
+    ----------
+    out
+        Folder for the clips.
     spp
         Samples per pixel: 1, 4, 9, 16, ...
     max_displacement
@@ -110,12 +151,11 @@ def render(
     from tasks.cli.progress_bar import progress_bar
 
     found = load_scene(scene, trajectory)
-    sides = {"--resolution": resolution, "--width": width, "--height": height}
     with progress_bar(terminal.err) as on_progress:
         sequences = render_scene(
             found,
             out,
-            camera=_camera(found, camera, camera_name, sides),
+            camera=view.camera_of(found),
             spp=spp,
             seed=seed,
             integrator=integrator,
@@ -128,35 +168,6 @@ def render(
         )
     for sequence in sequences:
         terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
-
-
-def _camera(
-    scene: Scene, file: Path | None, name: str | None, sides: dict[str, int | None]
-) -> Camera:
-    """Return the camera of a file, or that of the scene with the sides of its frames, px."""
-    from eres_render import RenderError
-
-    given = [option for option, value in sides.items() if value is not None]
-    if file is not None:
-        if given:
-            raise RenderError(
-                f"size of the frames: found --camera and {' and '.join(given)}, expected one of "
-                "them; the file has the size"
-            )
-        from eres_render.calibration import read_camera
-
-        return read_camera(file, name)
-    if name is not None:
-        raise RenderError(f"--camera-name: found {name!r}, expected --camera with it")
-    resolution, width, height = sides.values()
-    if width is None and height is None:
-        return scene.camera(1280 if resolution is None else resolution)
-    if width is None or height is None or resolution is not None:
-        raise RenderError(
-            f"size of the frames: found {' and '.join(given)}, expected --resolution for square "
-            "frames, or --width and --height"
-        )
-    return scene.camera(width, height)
 
 
 def stereo(

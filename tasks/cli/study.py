@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Column
 from rich.text import Text
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sensor.model import Photoreceptor
 from tasks.cli import terminal
@@ -17,53 +18,18 @@ from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
 
 if TYPE_CHECKING:
+    from tasks.study.config import Study
     from tasks.study.report.finished_run import FinishedRun
 
 _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 
 
-def study(
-    out: Path,
-    file: Annotated[
-        Positional[Path | None],
-        arg(
-            metavar="[STUDY.toml]",
-            help="your own study, in place of a preset",
-            help_behavior_hint="",
-        ),
-    ] = None,
-    preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
-    scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = (),
-    samples: Annotated[int | None, _AS_IN_STUDY] = None,
-    spp: Annotated[int | None, _AS_IN_STUDY] = None,
-    resolution: Annotated[int | None, _AS_IN_STUDY] = None,
-    sensors: Annotated[
-        tuple[str, ...], _AS_IN_STUDY, arg(metavar="NAME|FILE [NAME|FILE ...]")
-    ] = (),
-    lux: Annotated[tuple[float, ...], _AS_IN_STUDY, arg(metavar="FLOAT [FLOAT ...]")] = (),
-    photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = (),
-    distance_m: Annotated[float | None, _AS_IN_STUDY] = None,
-    trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None,
-    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
-    scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
-    weights: WeightsFiles = (),
-    mix: Annotated[bool, arg(help_behavior_hint="")] = False,
-) -> None:
-    """Ask which resolution serves a task best.
-
-    Renders, simulates, evaluates and reports. Prints the scores next to the paper's and writes
-    report.html into the run's folder. The same command resumes a run that was stopped.
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """What is other than in the study.
 
     Parameters
     ----------
-    out
-        Folder of the run.
-    preset
-        Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-        "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
-        two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
-        of a camera on a slider, from three distances at three speeds, as in the paper's real data.
-        "ablations": what the paper leaves open, on 6 samples of each scene.
     scenes
         Names or folders of scenes, or a Mitsuba file (.xml) with --trajectory.
     samples
@@ -87,6 +53,81 @@ def study(
     method
         Methods in addition to the study's: names (`eres methods` lists them), or your own as
         package.module:function.
+    """
+
+    scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = ()
+    samples: Annotated[int | None, _AS_IN_STUDY] = None
+    spp: Annotated[int | None, _AS_IN_STUDY] = None
+    resolution: Annotated[int | None, _AS_IN_STUDY] = None
+    sensors: Annotated[tuple[str, ...], _AS_IN_STUDY, arg(metavar="NAME|FILE [NAME|FILE ...]")] = ()
+    lux: Annotated[tuple[float, ...], _AS_IN_STUDY, arg(metavar="FLOAT [FLOAT ...]")] = ()
+    photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = ()
+    distance_m: Annotated[float | None, _AS_IN_STUDY] = None
+    trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = ()
+
+    def applied_to(self, study: Study) -> Study:
+        """Return the study with these changes."""
+        from tasks.study.config import with_method, with_resolution, with_scenes
+        from tasks.study.sensors import read_camera_of
+        from tasks.study.settings import Simulate
+
+        asked = with_scenes(study, self.scenes, self.trajectory)
+        given = {"samples": self.samples, "spp": self.spp}
+        rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
+        asked = replace(asked, render=rendering)
+        sensing: dict[str, Any] = {}
+        if self.sensors:
+            cameras = tuple(read_camera_of(one, "--sensors", Path()) for one in self.sensors)
+            sensing |= {"sensors": cameras, "widths": ()}
+        if self.lux:
+            sensing |= {"illuminance_lux": self.lux, "cutoffs_hz": Simulate().cutoffs_hz}
+        if self.photoreceptor:
+            sensing["photoreceptors"] = self.photoreceptor
+        if self.distance_m is not None:
+            sensing["distance_m"] = self.distance_m
+        asked = replace(asked, simulate=replace(asked.simulate, **sensing))
+        if self.resolution is not None:
+            asked = with_resolution(asked, self.resolution)
+        for name in self.method:
+            asked = with_method(asked, name)
+        return asked
+
+
+AS_IT_IS = Changes()
+
+
+def study(
+    out: Path,
+    file: Annotated[
+        Positional[Path | None],
+        arg(
+            metavar="[STUDY.toml]",
+            help="your own study, in place of a preset",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
+    scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
+    weights: WeightsFiles = (),
+    mix: Annotated[bool, arg(help_behavior_hint="")] = False,
+    changes: OmitArgPrefixes[Changes] = AS_IT_IS,
+) -> None:
+    """Ask which resolution serves a task best.
+
+    Renders, simulates, evaluates and reports. Prints the scores next to the paper's and writes
+    report.html into the run's folder. The same command resumes a run that was stopped.
+
+    Parameters
+    ----------
+    out
+        Folder of the run.
+    preset
+        Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
+        "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
+        two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
+        of a camera on a slider, from three distances at three speeds, as in the paper's real data.
+        "ablations": what the paper leaves open, on 6 samples of each scene.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights
@@ -95,22 +136,13 @@ def study(
         Continue a run even with another version of Mitsuba, or on another device (GPU or CPU), than
         it was begun with. Their frames differ slightly.
     """
-    from dataclasses import replace
-
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
     from tasks.study.config import preset as find_preset
-    from tasks.study.config import (
-        with_method,
-        with_resolution,
-        with_scenes,
-        with_weights,
-    )
+    from tasks.study.config import with_weights
     from tasks.study.report import write_report
     from tasks.study.report.finished_run import read_run
     from tasks.study.run import run_study
-    from tasks.study.sensors import read_camera_of
-    from tasks.study.settings import Simulate
     from tasks.study.study_file import read_study
 
     if file is not None and preset is not None:
@@ -119,25 +151,7 @@ def study(
             f"for the study of the file, or the file for preset {preset}"
         )
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
-    asked = with_scenes(chosen, scenes, trajectory)
-    given = {"samples": samples, "spp": spp}
-    rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
-    asked = replace(asked, render=rendering)
-    sensing: dict[str, Any] = {}
-    if sensors:
-        cameras = tuple(read_camera_of(one, "--sensors", Path()) for one in sensors)
-        sensing |= {"sensors": cameras, "widths": ()}
-    if lux:
-        sensing |= {"illuminance_lux": lux, "cutoffs_hz": Simulate().cutoffs_hz}
-    if photoreceptor:
-        sensing["photoreceptors"] = photoreceptor
-    if distance_m is not None:
-        sensing["distance_m"] = distance_m
-    asked = replace(asked, simulate=replace(asked.simulate, **sensing))
-    if resolution is not None:
-        asked = with_resolution(asked, resolution)
-    for name in method:
-        asked = with_method(asked, name)
+    asked = changes.applied_to(chosen)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
     with progress_bar(terminal.err) as on_progress:
