@@ -25,7 +25,7 @@ from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
-from tasks.study.results.readings import leads
+from tasks.study.results.photoreceptors import leads
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,

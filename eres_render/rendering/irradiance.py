@@ -33,7 +33,7 @@ Float32 = NDArray[np.float32]
 
 # Called with points on a surface, a sampler and a mask of valid points; returns the irradiance at
 # each and whether it counts.
-Light = Callable[[Any, Any, Any], tuple[Any, Any]]
+IrradianceOf = Callable[[Any, Any, Any], tuple[Any, Any]]
 
 Size = tuple[float, float]  # along u and along v, m
 
@@ -118,7 +118,7 @@ def irradiance_maps(
         finished += done
         on_progress(f"baking {scene.name}", finished, work)
 
-    def everywhere(light: Light, samples: int, smooth: bool) -> dict[str, Float32]:
+    def everywhere(light: IrradianceOf, samples: int, smooth: bool) -> dict[str, Float32]:
         return {
             name: _per_cell(shape, sides[name], samples, light, smooth, on_samples)
             for name, shape in shapes.items()
@@ -261,7 +261,7 @@ def _per_cell(
     shape: mi.Shape,
     sides: tuple[int, int],
     spp: int,
-    light: Light,
+    light: IrradianceOf,
     smooth: bool,
     on_samples: Callable[[int], None],
 ) -> Float32:
@@ -337,7 +337,7 @@ def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     return valid & ~covered
 
 
-def _light_of_lamps(mi_scene: mi.Scene) -> Light:
+def _light_of_lamps(mi_scene: mi.Scene) -> IrradianceOf:
     """Return the direct irradiance from the emitters, by one ray to each."""
     import drjit as dr
     import mitsuba as mi
@@ -356,7 +356,7 @@ def _light_of_lamps(mi_scene: mi.Scene) -> Light:
     return light
 
 
-def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
+def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> IrradianceOf:
     """Return the irradiance from the glowing surfaces of these names."""
     import drjit as dr
     import mitsuba as mi

@@ -15,7 +15,7 @@ _BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12, "emission": 8}
 _MOST_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 
-def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> None:
+def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str) -> None:
     """Refuse an image that needs more memory than this machine has.
 
     The estimate is a lower bound. Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times as

@@ -24,7 +24,7 @@ from eres_render.rendering.lens import undistorted
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.lookup import NEAR_M, LookUp
-from eres_render.rendering.memory import check_memory
+from eres_render.rendering.memory import check_render_memory
 from eres_render.rendering.motion import Body, PlacedObjects, still_and_bodies
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.objects import MovingObject
@@ -133,13 +133,13 @@ class Renderer:
         self.variant = select_variant()
         camera = camera or scene.camera(width)
         # Before all slow work; a baked scene needs more memory, which is checked below.
-        check_memory(camera, spp, integrator or "path", self.variant)
+        check_render_memory(camera, spp, integrator or "path", self.variant)
         self._use_camera(camera, spp)
 
         import mitsuba as mi
 
         self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
-        check_memory(camera, spp, self.integrator, self.variant)
+        check_render_memory(camera, spp, self.integrator, self.variant)
         baked = self.integrator in ("baked", "baked-full")
         if baked:
             refuse_objects(scene)
@@ -174,7 +174,7 @@ class Renderer:
         RenderError
             If the sampler cannot lay out `spp` samples, or they need too much memory.
         """
-        check_memory(self.camera, spp, self.integrator, self.variant)
+        check_render_memory(self.camera, spp, self.integrator, self.variant)
         other = copy.copy(self)
         other.white_level = self.white_level
         other._use_camera(self.camera, spp)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eres_render.camera import Camera
 from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
-from eres_render.rendering.backend import release_memory
+from eres_render.rendering.backend import release_render_memory
 from eres_render.rendering.renderer import Integrator, Renderer
 from eres_render.scene.scene import Scene
 from eres_render.sequence.clips import Clip, clips, continuous_stretch
@@ -190,7 +190,7 @@ def clip_in_progress(
         )
         yield sequence
         sequence.wait()
-        release_memory()
+        release_render_memory()
         if not sequence.unread:
             writer.finish()
 

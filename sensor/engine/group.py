@@ -31,7 +31,7 @@ from sensor.kernels.photoreceptor import STEP, photoreceptor_step
 from sensor.kernels.radiance import (
     BAD,
     LEAST_LIGHT,
-    Light,
+    PixelLight,
     integrate_area,
     light_on_pixels,
     log_of_block,
@@ -222,7 +222,7 @@ def light_of(
     model: SensorModel,
     index: int,
     apply: Callable[..., Iterable] = map,
-) -> Light:
+) -> PixelLight:
     """Average frames over the pixels of a model.
 
     Parameters

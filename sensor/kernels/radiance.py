@@ -14,7 +14,7 @@ BAD = -2
 LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
 
-class Light(NamedTuple):
+class PixelLight(NamedTuple):
     """The light on the pixels over a chunk of frame intervals.
 
     One of two arrays holds it, so that kernels are compiled once for both of its types.
@@ -25,7 +25,7 @@ class Light(NamedTuple):
     dark: float  # I_dark
 
 
-def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> Light:
+def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> PixelLight:
     """Return the light on the pixels.
 
     Parameters
@@ -41,8 +41,8 @@ def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> Light:
     """
     none = np.empty((0, 0))
     if radiance.dtype == np.float32:
-        return Light(radiance.astype(np.float32, copy=False), none, dark)
-    return Light(none.astype(np.float32), radiance.astype(np.float64, copy=False), dark)
+        return PixelLight(radiance.astype(np.float32, copy=False), none, dark)
+    return PixelLight(none.astype(np.float32), radiance.astype(np.float64, copy=False), dark)
 
 
 class Overlap(NamedTuple):
@@ -125,7 +125,7 @@ def log_of_block(light, f, pixels, u):
     Parameters
     ----------
     light, f, pixels
-        `Light`, frame of the chunk, and slice of the pixels.
+        `PixelLight`, frame of the chunk, and slice of the pixels.
     u
         (n,) output.
 

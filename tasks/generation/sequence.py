@@ -12,7 +12,7 @@ from pathlib import Path
 from eres_render import Clip, Renderer, load_scene, open_sequence, render_clip
 from eres_render.progress import Progress, silent
 from eres_render.random_scenes.random_scene import write_random_scene
-from eres_render.rendering.backend import release_memory
+from eres_render.rendering.backend import release_render_memory
 from eres_render.scene.scene import Scene
 from eres_render.sequence.manifest import write_manifest
 from eres_render.storage.atomic import remove_unfinished, write_text
@@ -169,5 +169,5 @@ def _make_view(
         write_images(sequence, images, settings.images_hz, settings.camera, seed=sensor_seed)
     del renderer
     gc.collect()  # Mitsuba's scenes are in reference cycles
-    release_memory()
+    release_render_memory()
     return sequence.white_level

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sensor import Events, simulate
 from tasks.random_crops.motion import Motion
-from tasks.random_crops.settings import Crops, Light
+from tasks.random_crops.settings import CropLight, Crops
 from tasks.random_crops.texture import random_texture
 from tasks.random_crops.view import view
 
@@ -71,7 +71,7 @@ def random_crop(
     seed: int,
     index: int,
     *,
-    light: Light | float = "all",
+    light: CropLight | float = "all",
     held_out: bool = False,
 ) -> Crop:
     """Make a crop, which depends only on the arguments.

@@ -33,7 +33,7 @@ class VideoSample(NamedTuple):
     pictures: Float32
 
 
-class FlowSample(NamedTuple):
+class FlowExample(NamedTuple):
     """Inputs and truths of pairs of windows.
 
     Attributes
@@ -70,8 +70,8 @@ def video_sample(crop: Crop, bins: int, run_in: int, ranked_px: int) -> VideoSam
     return VideoSample(np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32))
 
 
-def flow_sample(crop: Crop, bins: int) -> FlowSample:
+def flow_sample(crop: Crop, bins: int) -> FlowExample:
     """Return a sample of dense flow."""
     grids = [voxel_grid(events, bins, convention="eraft") for events in crop.events]
     flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
-    return FlowSample(np.stack(grids), np.stack(flows))
+    return FlowExample(np.stack(grids), np.stack(flows))

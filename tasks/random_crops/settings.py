@@ -13,7 +13,7 @@ from tasks.errors import TaskError
 MOST_SIDE_PX = 1024
 """Largest side of a crop."""
 
-Light = Literal["ideal", "all"]
+CropLight = Literal["ideal", "all"]
 """Whether pixels are ideal in all crops ("ideal"), or each crop draws its cutoff ("all")."""
 
 

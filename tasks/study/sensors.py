@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sensor import Readout
 
 
-class Light(NamedTuple):
+class StudyLight(NamedTuple):
     """Light on the scene: the cutoff of plain sensors in Hz, and the illuminance in lux or 0."""
 
     cutoff_hz: float
@@ -32,11 +32,11 @@ class Light(NamedTuple):
         return camera.model(cutoff_hz=self.cutoff_hz, white=white)
 
 
-def light_at(illuminance_lux: float) -> Light:
+def light_at(illuminance_lux: float) -> StudyLight:
     """Return the light of an illuminance in lux; inf is light for ideal pixels."""
     if math.isinf(illuminance_lux):
-        return Light(math.inf)
-    return Light(cutoff_in_light(illuminance_lux), illuminance_lux)
+        return StudyLight(math.inf)
+    return StudyLight(cutoff_in_light(illuminance_lux), illuminance_lux)
 
 
 def own_of(camera: EventCamera) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
 from tasks.registry import TASKS
 from tasks.study.sensors import (
     BUS_KEYS,
-    Light,
+    StudyLight,
     bus_of,
     light_at,
     own_of,
@@ -201,10 +201,10 @@ class Simulate:
         object.__setattr__(self, "cutoffs_hz", cutoffs_hz)
 
     @property
-    def lights(self) -> tuple[Light, ...]:
+    def lights(self) -> tuple[StudyLight, ...]:
         """The lights on the scene."""
         if self.illuminance_lux is None:
-            return tuple(map(Light, self.cutoffs_hz))
+            return tuple(map(StudyLight, self.cutoffs_hz))
         return tuple(map(light_at, self.illuminance_lux))
 
     @property
@@ -309,7 +309,7 @@ class Simulate:
 
     def models(
         self, render: Render = _ANY, white: float = 1.0
-    ) -> Iterator[tuple[EventCamera, Light, SensorModel]]:
+    ) -> Iterator[tuple[EventCamera, StudyLight, SensorModel]]:
         """Yield each camera in each light, with each photoreceptor and threshold.
 
         A camera without a cutoff comes once, as it is the same with any photoreceptor.

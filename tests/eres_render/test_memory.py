@@ -113,10 +113,10 @@ def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monke
     for there, fits in ((took_kib * 1024, True), (took_kib * 512, False)):
         monkeypatch.setattr(memory, "memory_bytes", lambda there=there: there)
         if fits:
-            memory.check_memory(camera, spp, "baked", "llvm_ad_mono")
+            memory.check_render_memory(camera, spp, "baked", "llvm_ad_mono")
         else:
             with pytest.raises(RenderError):
-                memory.check_memory(camera, spp, "baked", "llvm_ad_mono")
+                memory.check_render_memory(camera, spp, "baked", "llvm_ad_mono")
 
 
 @pytest.mark.parametrize(
@@ -169,9 +169,9 @@ def test_samples_beyond_32_bits_are_refused_wherever_memory_is_plenty(monkeypatc
     with pytest.raises(
         RenderError, match=r"at 16 samples per pixel, expected at most 2\^32 - 1 samples"
     ):
-        memory.check_memory(camera, spp, "baked", variant)
-    memory.check_memory(camera, spp - 1, "baked", variant)
-    memory.check_memory(camera, spp, "baked", "scalar_rgb")
+        memory.check_render_memory(camera, spp, "baked", variant)
+    memory.check_render_memory(camera, spp - 1, "baked", variant)
+    memory.check_render_memory(camera, spp, "baked", "scalar_rgb")
 
 
 def test_the_memory_of_this_machine_is_known():

@@ -22,7 +22,7 @@ from tasks.study.claims.statistics import DAY, SceneCell, event_rate, lead, marg
 from tasks.study.claims.verdict import Status, settled, status_of
 from tasks.study.results.bootstrap import DRAWS, effective_samples
 from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.intervals import Estimate, Medians, estimate
+from tasks.study.results.intervals import Interval, Medians, estimate
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Scores
 
@@ -284,7 +284,7 @@ def test_an_extreme_of_true_numbers_is_not_refuted_by_noise() -> None:
 
 def test_an_interval_without_its_number_settles_nothing() -> None:
     """Promise: a number above the bound with an interval below it neither holds nor fails."""
-    odd = Estimate(0.004, -0.52, -0.003)
+    odd = Interval(0.004, -0.52, -0.003)
     assert settled(odd, above=True, bound=0) is Status.UNDECIDED
     assert settled(odd, above=False, bound=0) is Status.UNDECIDED
 
@@ -346,9 +346,9 @@ def test_the_least_certain_scene_decides() -> None:
 
 def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
     """The text has value, interval and unit, or value and unit."""
-    assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
-    assert Estimate(1.0, 0.5, 1.5, 7.78).text(unit="dB") == "+1.00 [+0.50, +1.50; n 7.8] dB"
-    assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
+    assert Interval(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
+    assert Interval(1.0, 0.5, 1.5, 7.78).text(unit="dB") == "+1.00 [+0.50, +1.50; n 7.8] dB"
+    assert Interval(1.0, None, None).text(unit="dB") == "+1.00 dB"
 
 
 def test_correlated_samples_are_worth_fewer() -> None:
@@ -391,14 +391,14 @@ def cell_of(values: np.ndarray, sample: np.ndarray) -> Cell:
 def test_a_bound_that_rounds_to_zero_is_on_the_side_that_decides() -> None:
     """Promise: a verdict never contradicts the interval that is printed: a negative bound has a
     minus sign, also as −0.00; zero has none, nor has a rounding error."""
-    below = Estimate(-0.003, -0.06, -0.0005)
+    below = Interval(-0.003, -0.06, -0.0005)
     assert settled(below, above=True, bound=0) is Status.DOES_NOT_HOLD
     assert below.text(unit="px") == "−0.00 [−0.06, −0.00] px"
-    around = Estimate(-0.003, -0.0005, 0.0005)
+    around = Interval(-0.003, -0.0005, 0.0005)
     assert settled(around, above=True, bound=0) is Status.UNDECIDED
     assert around.text() == "+0.00 [−0.00, +0.00]"
     assert around.text(sign="") == "0.00 [−0.00, 0.00]"
-    assert Estimate(-0.0, -7e-15, 0.0).text() == "+0.00 [+0.00, +0.00]"
+    assert Interval(-0.0, -7e-15, 0.0).text() == "+0.00 [+0.00, +0.00]"
 
 
 # ---- your own claim ---------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
 from tasks.study.results.cells import Condition
-from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.intervals import Interval, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
@@ -255,7 +255,7 @@ def test_joined_runs_do_not_widen_intervals_of_methods_without_weights() -> None
     night = [Condition("carpet", width, 50.0, 1.0) for width in (240, 1280)]
     network = HF._replace(method="our_reconstruction_all_light")
 
-    def lead(scores: Scores, series: Series) -> Estimate:
+    def lead(scores: Scores, series: Series) -> Interval:
         cells = {at.width: scores.cell(series, at) for at in night}
         return estimate(lambda medians: medians[1280] - medians[240], cells)
 

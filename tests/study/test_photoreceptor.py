@@ -19,7 +19,7 @@ from tasks.study.claims.judge import changed_verdicts, judge_all, judge_readings
 from tasks.study.claims.verdict import Status
 from tasks.study.config import Simulate, Study
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.readings import leads
+from tasks.study.results.photoreceptors import leads
 from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
 from tasks.study.run.jobs import Job, jobs_of
 

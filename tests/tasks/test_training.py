@@ -42,7 +42,7 @@ from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
 from tasks.learned.training.flow import Flow  # noqa: E402
-from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint  # noqa: E402
+from tasks.learned.training.progress import LearningCurve, load_checkpoint, save_checkpoint  # noqa: E402
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 
@@ -194,11 +194,11 @@ def test_no_room_for_a_checkpoint_or_for_weights(tmp_path):
     """Promise: an error that names the file; the checkpoint before stays, and nothing else does."""
     network = torch.nn.Linear(64, 64)
     optimizer = torch.optim.AdamW(network.parameters())
-    save_checkpoint(tmp_path, Progress(step=1), network, optimizer)
+    save_checkpoint(tmp_path, LearningCurve(step=1), network, optimizer)
     weights = tmp_path / "weights.pt"
     with full_disk(4000):
         with pytest.raises(RenderError, match=r"checkpoint\.pt: cannot be written: File too large"):
-            save_checkpoint(tmp_path, Progress(step=2), network, optimizer)
+            save_checkpoint(tmp_path, LearningCurve(step=2), network, optimizer)
         with pytest.raises(RenderError, match=r"weights\.pt: cannot be written: File too large"):
             save(weights, network, FLOW, "all", {})
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]

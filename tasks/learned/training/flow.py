@@ -14,7 +14,7 @@ from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import FlowTraining
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import flow_sample
-from tasks.random_crops.settings import Light
+from tasks.random_crops.settings import CropLight
 
 # Memory per pixel, pair of windows and channel of the first layer: in all, and for each update.
 _BYTES_PER_PX_AND_CHANNEL = 180  # 95 were measured
@@ -33,7 +33,7 @@ class Flow(Problem):
     score = "end-point error [px]"
     baselines = ("zero flow",)
 
-    def __init__(self, settings: FlowTraining, light: Light, seed: int) -> None:
+    def __init__(self, settings: FlowTraining, light: CropLight, seed: int) -> None:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             network = ERAFT(settings.bins, settings.narrower)

@@ -26,7 +26,7 @@ from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
 from tasks.learned.training.curve import draw_curve
 from tasks.learned.training.problem import Problem
-from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint
+from tasks.learned.training.progress import LearningCurve, load_checkpoint, save_checkpoint
 from tasks.learned.training.run_folder import (
     PICTURE_FILE,
     SCORES_FILE,
@@ -177,7 +177,9 @@ def _autocast(place: torch.device) -> torch.autocast:
     return torch.autocast(place.type, torch.bfloat16, enabled=is_fast)
 
 
-def _validate(problem: Problem, progress: Progress, place: torch.device, folder: Path) -> Scores:
+def _validate(
+    problem: Problem, progress: LearningCurve, place: torch.device, folder: Path
+) -> Scores:
     """Score the network, and add a row to the learning curve."""
     with _autocast(place):
         scores = problem.scores(place)
@@ -195,7 +197,7 @@ def _validate(problem: Problem, progress: Progress, place: torch.device, folder:
     return scores
 
 
-def _in_words(progress: Progress, problem: Problem) -> str:
+def _in_words(progress: LearningCurve, problem: Problem) -> str:
     """Describe the progress of a training in one line."""
     said = [f"step {progress.step}"]
     if progress.curve:

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 from tasks.random_crops.crop import Crop, random_crop
-from tasks.random_crops.settings import Crops, Light
+from tasks.random_crops.settings import CropLight, Crops
 
 Arrays = tuple[NDArray[np.float32], ...]
 
@@ -38,7 +38,7 @@ class Problem(ABC):
         self,
         network: nn.Module,
         settings: ReconstructionTraining | FlowTraining,
-        light: Light,
+        light: CropLight,
         seed: int,
     ) -> None:
         self.network, self.light, self.seed = network, light, seed

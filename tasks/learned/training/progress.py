@@ -15,7 +15,7 @@ from tasks.learned.training.run_folder import CHECKPOINT_FILE, Row
 
 
 @dataclass(slots=True)
-class Progress:
+class LearningCurve:
     """How far a training is.
 
     Parameters
@@ -33,7 +33,7 @@ class Progress:
 
 
 def save_checkpoint(
-    folder: Path, progress: Progress, network: nn.Module, optimizer: torch.optim.Optimizer
+    folder: Path, progress: LearningCurve, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> None:
     """Write everything on which the next steps depend."""
     content = {
@@ -47,14 +47,16 @@ def save_checkpoint(
     write_checkpoint(folder / CHECKPOINT_FILE, content)
 
 
-def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
+def load_checkpoint(
+    folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer
+) -> LearningCurve:
     """Load the last checkpoint, if there is one."""
     file = folder / CHECKPOINT_FILE
     if not file.exists():
-        return Progress()
+        return LearningCurve()
     found = read_checkpoint(file)
     kind = "the checkpoint of this training (delete it to start again)"
     with reading(file, kind, TrainingError):
         network.load_state_dict(found["network"])
         optimizer.load_state_dict(found["optimizer"])
-        return Progress(found["step"], found["seconds"], found["curve"], found["losses"])
+        return LearningCurve(found["step"], found["seconds"], found["curve"], found["losses"])

@@ -20,7 +20,7 @@ from tasks.methods.our_reconstruction import DECAYS
 from tasks.psnr import psnr_db
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
-from tasks.random_crops.settings import Crops, Light
+from tasks.random_crops.settings import CropLight, Crops
 from tasks.video import VideoMethod, picture
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
@@ -46,7 +46,7 @@ class Reconstruction(Problem):
     score = "PSNR [dB]"
     baselines = ("high-pass filter", "gray")
 
-    def __init__(self, settings: ReconstructionTraining, light: Light, seed: int) -> None:
+    def __init__(self, settings: ReconstructionTraining, light: CropLight, seed: int) -> None:
         options = E2vidOptions(
             num_bins=settings.bins + len(DECAYS),
             num_encoders=settings.encoders,

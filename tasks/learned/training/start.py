@@ -15,12 +15,12 @@ from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
 from tasks.learned.training.run_folder import WEIGHTS_FILE, opened
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
-from tasks.random_crops.settings import Light
+from tasks.random_crops.settings import CropLight
 
 
 def start(
     settings: ReconstructionTraining | FlowTraining,
-    light: Light,
+    light: CropLight,
     seed: int,
     folder: Path,
     *,

@@ -13,8 +13,8 @@ from tasks.registry import TASKS
 from tasks.study.claims.numbers import (
     NotMeasured,
     Number,
+    NumberText,
     Quantity,
-    Reading,
     SceneScores,
     estimated,
 )
@@ -160,7 +160,7 @@ class SceneClaim(Claim):
                 try:
                     reading = self._reading(on)
                 except NotMeasured as reason:
-                    reading = Reading(str(reason), Status.NOT_MEASURED)
+                    reading = NumberText(str(reason), Status.NOT_MEASURED)
                 found.scenes[scene] = reading
                 fails = reading.status is Status.DOES_NOT_HOLD
                 found.lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
@@ -178,14 +178,14 @@ class SceneClaim(Claim):
         cells = {cell for number in numbers for cell in number.statistic.cells}
         return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
-    def _reading(self, on: SceneScores) -> Reading:
+    def _reading(self, on: SceneScores) -> NumberText:
         """Read the numbers of a scene, and judge it by them."""
         on.require(self._cells)
         readings = {name: read(on) for name, read in self.numbers.items()}
         text = self.text.format_map({name: one.text for name, one in readings.items()})
         compared = [one.like_paper for one in readings.values() if one.like_paper is not None]
         status = status_of(one.status for one in readings.values())
-        return Reading(text, status, all(compared) if compared else None)
+        return NumberText(text, status, all(compared) if compared else None)
 
     def _mean(self, scores: Scores, series: Series) -> list[str]:
         """Return a line with the mean over the scenes, if several have the number."""
@@ -215,7 +215,7 @@ class SceneClaim(Claim):
 class _Found(NamedTuple):
     """What was read: each scene, and lines of text."""
 
-    scenes: dict[str, Reading]
+    scenes: dict[str, NumberText]
     lines: list[str]
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.flow import PHOTOMETRIC, UP_TO_2, suffers_less
-from tasks.study.claims.numbers import Number, Score
+from tasks.study.claims.numbers import MedianOf, Number
 from tasks.study.claims.statistics import NIGHT, growth, margin, smallest
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
@@ -25,8 +25,8 @@ DENSE_FLOW_CLAIMS: tuple[Claim, ...] = (
         series=ERAFT,
         scenes=("carpet",),
         numbers={
-            "coarse": Score(128, NIGHT),
-            "fine": Score(1280, NIGHT),
+            "coarse": MedianOf(128, NIGHT),
+            "fine": MedianOf(1280, NIGHT),
             "gain": Number(smallest(*_GAINS), above=0),
         },
         text="at night {coarse} at 128 px, {fine} at 1280 px; smallest gain {gain}",

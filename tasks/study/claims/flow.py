@@ -6,7 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Reading, SceneScores, Score, best_and_lead
+from tasks.study.claims.numbers import (
+    Best,
+    MedianOf,
+    Number,
+    NumberText,
+    SceneScores,
+    best_and_lead,
+)
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -37,7 +44,7 @@ _FAST = 10.0  # factor of the paper's 9 m/s on carpet
 UP_TO_2 = [(IDEAL, 1.0), *((cutoff_hz, speed) for cutoff_hz in (DAY, NIGHT) for speed in SPEEDS)]
 
 
-def _wins_of_finest(on: SceneScores) -> Reading:
+def _wins_of_finest(on: SceneScores) -> NumberText:
     """Count the lights and speeds at which 1280 px is best, and name the others."""
     best = {where: on.best_width(*where) for where in UP_TO_2}
     lost = [
@@ -46,17 +53,17 @@ def _wins_of_finest(on: SceneScores) -> Reading:
         if width != 1280
     ]
     elsewhere = f" (not at {'; '.join(lost)})" if lost else ""
-    return Reading(f"{len(best) - len(lost)} of {len(best)} cells{elsewhere}")
+    return NumberText(f"{len(best) - len(lost)} of {len(best)} cells{elsewhere}")
 
 
-def _against_initial_flow(on: SceneScores) -> Reading:
+def _against_initial_flow(on: SceneScores) -> NumberText:
     """Compare the best score at night with the flow that the method starts from."""
     width = on.best_width(NIGHT, 1.0)
     nothing = on.scores.baseline(on.series, Condition(on.scene, width, NIGHT, 1.0)).median
     if nothing is None:
-        return Reading("")
+        return NumberText("")
     better = "better" if on.median(SceneCell(width, NIGHT)) < nothing else "no better"
-    return Reading(f", {better} than the initial flow's {on.metric.text(nothing)} px")
+    return NumberText(f", {better} than the initial flow's {on.metric.text(nothing)} px")
 
 
 def suffers_less(
@@ -116,9 +123,9 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=PHOTOMETRIC,
         scenes=("carpet",),
         numbers={
-            "ideal": Score(1280, IDEAL),
-            "day": Score(1280, DAY),
-            "night": Score(1280, NIGHT),
+            "ideal": MedianOf(1280, IDEAL),
+            "day": MedianOf(1280, DAY),
+            "night": MedianOf(1280, NIGHT),
             "rise": Number(smallest_fall(*(median(1280, c) for c in CUTOFFS_HZ)), above=0),
         },
         text="{ideal} → {day} → {night}, smallest rise {rise}",
@@ -166,8 +173,8 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=CONTRAST,
         scenes=("carpet",),
         numbers={
-            "coarse": Score(640, NIGHT, _FAST),
-            "fine": Score(1280, NIGHT, _FAST),
+            "coarse": MedianOf(640, NIGHT, _FAST),
+            "fine": MedianOf(1280, NIGHT, _FAST),
             "margin": Number(margin(640, 1280, NIGHT, _FAST), above=0),
         },
         text="{coarse} at 640 px, {fine} at 1280 px; 640 over 1280 px {margin}",

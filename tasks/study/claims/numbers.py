@@ -13,7 +13,7 @@ from tasks.registry import TASKS
 from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, settled
 from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.intervals import TAILS, Estimate, estimate
+from tasks.study.results.intervals import TAILS, Interval, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
@@ -93,7 +93,7 @@ class SceneScores:
         return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{found}"
 
 
-def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
+def estimated(statistic: Statistic, *scenes: SceneScores) -> Interval:
     """Evaluate a statistic of a scene's medians, with its interval."""
     rates = statistic.of_rates
     cells = [{at: on.cell(at) for at in statistic.cells} for on in scenes]
@@ -113,7 +113,7 @@ def _of_parts(
     scenes: Sequence[Mapping[SceneCell, Cell]],
     sign: float,
     tails: tuple[float, float],
-) -> Estimate:
+) -> Interval:
     """Return an estimate; that of an extreme follows from those of its parts.
 
     Each bound of an interval may be on the wrong side of the truth with the probability of its
@@ -133,7 +133,7 @@ def _of_parts(
     lows = [part.low for part in parts if part.low is not None]
     highs = [part.high for part in parts if part.high is not None]
     extreme = pick(parts, key=lambda part: part.value)
-    return Estimate(
+    return Interval(
         extreme.value,
         pick(lows) if len(lows) == len(parts) else None,
         pick(highs) if len(highs) == len(parts) else None,
@@ -141,7 +141,7 @@ def _of_parts(
     )
 
 
-class Reading(NamedTuple):
+class NumberText(NamedTuple):
     """A number as text, whether it is as the claim says, and whether it is like the paper's."""
 
     text: str
@@ -152,7 +152,7 @@ class Reading(NamedTuple):
 class Quantity(Protocol):
     """A function that reads a number on one scene."""
 
-    def __call__(self, on: SceneScores, /) -> Reading: ...
+    def __call__(self, on: SceneScores, /) -> NumberText: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,24 +185,24 @@ class Number:
     decimals: int = 2
     sign: str = "+"
 
-    def __call__(self, on: SceneScores) -> Reading:
+    def __call__(self, on: SceneScores) -> NumberText:
         found = estimated(self.statistic, on)
         text = self.text_of(found, on.metric)
         bound = self.below if self.above is None else self.above
         if bound is None:
-            return Reading(text)
+            return NumberText(text)
         above = self.above is not None and on.scene not in self.below_on
         if on.published:
             as_claimed = (found.value > bound) == above
-            return Reading(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
+            return NumberText(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
         doubt = ""
         if found.low is not None and not found.settles(bound):
             tied = found.low == found.high == bound  # as where all searches keep their starts
             doubt = ", tied in these samples" if tied else ", not settled by these samples"
         status = settled(found, above=above, bound=bound)
-        return Reading(text + doubt, status, self._like_paper(found, on))
+        return NumberText(text + doubt, status, self._like_paper(found, on))
 
-    def text_of(self, found: Estimate, metric: Metric) -> str:
+    def text_of(self, found: Interval, metric: Metric) -> str:
         """Format an estimate of the number.
 
         Parameters
@@ -219,7 +219,7 @@ class Number:
         """
         return found.text(self.decimals, self.sign, metric.unit if self.unit is None else self.unit)
 
-    def _like_paper(self, ours: Estimate, on: SceneScores) -> bool | None:
+    def _like_paper(self, ours: Interval, on: SceneScores) -> bool | None:
         """Return whether the paper's number is within our interval."""
         paper = replace(on, scores=paper_scores(), series=on.series._replace(variant=""))
         at_its_threshold = on.scores.contrast_threshold == paper.scores.contrast_threshold
@@ -234,11 +234,11 @@ class Number:
             return None
 
 
-class Score(SceneCell):
+class MedianOf(SceneCell):
     """The median of one cell."""
 
-    def __call__(self, on: SceneScores) -> Reading:
-        return Reading(f"{on.metric.text(on.median(self))} {on.metric.unit}")
+    def __call__(self, on: SceneScores) -> NumberText:
+        return NumberText(f"{on.metric.text(on.median(self))} {on.metric.unit}")
 
 
 class Best(NamedTuple):
@@ -247,9 +247,9 @@ class Best(NamedTuple):
     cutoff_hz: float
     speed: float = 1.0
 
-    def __call__(self, on: SceneScores) -> Reading:
+    def __call__(self, on: SceneScores) -> NumberText:
         width = on.best_width(*self)
-        return Reading(f"{Score(width, *self)(on).text} at {width} px")
+        return NumberText(f"{MedianOf(width, *self)(on).text} at {width} px")
 
 
 def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Score, best_and_lead
+from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -186,8 +186,8 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         series=E2VID,
         scenes=("carpet",),
         numbers={
-            "coarse": Score(128, NIGHT),
-            "fine": Score(1280, NIGHT),
+            "coarse": MedianOf(128, NIGHT),
+            "fine": MedianOf(1280, NIGHT),
             "margin": Number(margin(128, 1280, NIGHT), above=0),
         },
         text="{coarse} at 128 px, {fine} at 1280 px; 128 over 1280 px {margin}",

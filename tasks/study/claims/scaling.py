@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores, estimated
+from tasks.study.claims.numbers import NotMeasured, Number, NumberText, SceneScores, estimated
 from tasks.study.claims.reconstruction import EVENT_INTEGRATION
 from tasks.study.claims.statistics import IDEAL, log2, pixel_rate, slope, smallest_fall
 from tasks.study.claims.verdict import Status, settled
 from tasks.study.results.asked import SensorId
-from tasks.study.results.intervals import Estimate
+from tasks.study.results.intervals import Interval
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import FIT_PX, Scaling, Slopes
 from tasks.study.results.words import cutoff_label
@@ -24,21 +24,21 @@ def _scaling(on: SceneScores) -> Scaling:
     return on.scaling
 
 
-def _exponent(slopes: Slopes) -> Reading:
+def _exponent(slopes: Slopes) -> NumberText:
     """Read the exponent γ of |L_t| ~ 1/p^γ, which must be positive."""
     if slopes.law is None:
         raise NotMeasured("not measured, nothing moves between the clip's last two frames")
-    found = Estimate(slopes.law.exponent, slopes.law.low, slopes.law.high)
-    return Reading(found.text(sign=""), settled(found, above=True, bound=0.0))
+    found = Interval(slopes.law.exponent, slopes.law.low, slopes.law.high)
+    return NumberText(found.text(sign=""), settled(found, above=True, bound=0.0))
 
 
-def _pixel_rates(on: SceneScores) -> Reading:
+def _pixel_rates(on: SceneScores) -> NumberText:
     """Read the event rate of a pixel at each width in ideal light, 1/s."""
     rates = [estimated(rate, on).value for rate in _PIXEL_RATES]
-    return Reading(" → ".join(f"{rate:,.{int(rate < 100)}f}" for rate in rates))
+    return NumberText(" → ".join(f"{rate:,.{int(rate < 100)}f}" for rate in rates))
 
 
-def _modes(on: SceneScores) -> Reading:
+def _modes(on: SceneScores) -> NumberText:
     """Read the most common interval at each width for each light and speed; none may rise."""
     scaling = _scaling(on)
     settings = scaling.settings()
@@ -56,7 +56,7 @@ def _modes(on: SceneScores) -> Reading:
         holds &= shortens
         line = " → ".join(f"{mode * 1e-3:.2g}" for mode in known)
         lines.append(f"{name}: {line} ms{'' if shortens else ' (not monotone)'}")
-    return Reading("\n".join(lines), Status.HOLDS if holds else Status.DOES_NOT_HOLD)
+    return NumberText("\n".join(lines), Status.HOLDS if holds else Status.DOES_NOT_HOLD)
 
 
 SCALING_CLAIMS: tuple[Claim, ...] = (

@@ -12,7 +12,7 @@ import numpy as np
 from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
-from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores
+from tasks.study.claims.numbers import NotMeasured, Number, NumberText, SceneScores
 from tasks.study.claims.statistics import margin
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.metrics import Series
@@ -107,7 +107,9 @@ class SliderClaim(Claim):
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
-    def _readings(self, on: SceneScores, at: _Compared | None) -> Iterator[tuple[float, Reading]]:
+    def _readings(
+        self, on: SceneScores, at: _Compared | None
+    ) -> Iterator[tuple[float, NumberText]]:
         """Yield the lead of the middle distance in each light that decides."""
         for hz in self._lights_hz(on.scores, on.series):
             try:
@@ -117,7 +119,7 @@ class SliderClaim(Claim):
                 on.require(lead.cells)
                 yield hz, Number(lead, above=0, unit="")(on)
             except NotMeasured:
-                yield hz, Reading("not measured", Status.NOT_MEASURED)
+                yield hz, NumberText("not measured", Status.NOT_MEASURED)
 
 
 @dataclass(frozen=True, kw_only=True)

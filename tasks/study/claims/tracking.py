@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Score, best_and_lead
+from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import IDEAL, NIGHT, growth, lead
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import (
@@ -66,8 +66,8 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         "346 px has the smallest error.",
         scenes=("rocks",),
         numbers={
-            "ideal": Score(1280, IDEAL),
-            "night": Score(1280, NIGHT),
+            "ideal": MedianOf(1280, IDEAL),
+            "night": MedianOf(1280, NIGHT),
             "growth": Number(growth(1280), above=1, unit="times", decimals=1, sign=""),
             **best_and_lead([346], NIGHT),
         },

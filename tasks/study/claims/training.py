@@ -8,8 +8,8 @@ from tasks.study.claims.numbers import (
     Best,
     NotMeasured,
     Number,
+    NumberText,
     Quantity,
-    Reading,
     SceneScores,
     estimated,
 )
@@ -54,7 +54,7 @@ def _over_twin(twin: str, cutoff_hz: float) -> Statistic:
     return Statistic((one, other), lambda medians: medians.difference(one, other))
 
 
-def _other_nights(on: SceneScores, twin: str) -> Reading:
+def _other_nights(on: SceneScores, twin: str) -> NumberText:
     """Read the same numbers in further low lights, of those that were measured."""
     found = []
     for cutoff_hz in _OTHER_NIGHTS_HZ:
@@ -66,7 +66,7 @@ def _other_nights(on: SceneScores, twin: str) -> Reading:
         except NotMeasured:
             continue
         found.append(f"; {cutoff_hz:g} Hz: lead of 1280 px {ahead}, over the twin {gain}")
-    return Reading("".join(found))
+    return NumberText("".join(found))
 
 
 TRAINING_CLAIMS: tuple[Claim, ...] = (

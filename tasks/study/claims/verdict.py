@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tasks.study.results.intervals import Estimate
+from tasks.study.results.intervals import Interval
 from tasks.study.results.paper import CONTRAST_THRESHOLD
 from tasks.study.results.scores import Scores
 
@@ -71,7 +71,7 @@ def threshold_note(found: Sequence[Scores]) -> str:
     return f"Judged at a contrast threshold of {judged:g}{whose}."
 
 
-def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
+def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
     """Judge a number against a bound.
 
     Parameters

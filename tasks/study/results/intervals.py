@@ -32,7 +32,7 @@ Key = TypeVar("Key")
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Interval:
     """A statistic of medians with its 95 % interval.
 
     `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
@@ -124,7 +124,7 @@ def estimate(
     sign: float = 1.0,
     of_rates: bool = False,
     tails: tuple[float, float] = TAILS,
-) -> Estimate:
+) -> Interval:
     """Evaluate a statistic of medians, with its bootstrap interval over samples and trainings.
 
     Parameters
@@ -153,7 +153,7 @@ def estimate(
     value = float(mean(drawn=False))
     fewest = min(cell.samples for cells in scenes for cell in cells.values())
     if fewest < MIN_SAMPLES_FOR_INTERVAL:
-        return Estimate(value, None, None)
+        return Interval(value, None, None)
     ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
     trainings = max(cell.trainings for cells in scenes for cell in cells.values())
     number = fewest if trainings == 1 else min(fewest, trainings)
@@ -164,7 +164,7 @@ def estimate(
         alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in range(count)]
         each = [float(statistic(Medians(one, sign, of_rates))) for one in alone]
         worth += effective_samples(np.array(each))
-    return Estimate(value, float(low), float(high), worth)
+    return Interval(value, float(low), float(high), worth)
 
 
 def _widening(number: int, tail: float) -> float:

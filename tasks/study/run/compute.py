@@ -9,7 +9,7 @@ from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import Progress
-from eres_render.rendering.backend import release_memory
+from eres_render.rendering.backend import release_render_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.central_part import central_part
@@ -132,7 +132,7 @@ _loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come
 def _unload() -> None:
     _loaded.clear()
     gc.collect()  # Mitsuba scenes are in reference cycles
-    release_memory()
+    release_render_memory()
 
 
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:

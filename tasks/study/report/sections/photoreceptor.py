@@ -12,7 +12,7 @@ from tasks.study.report.table import Table, Text
 from tasks.study.results.choice import Choice
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.readings import Lead, leads
+from tasks.study.results.photoreceptors import Lead, leads
 from tasks.study.results.words import (
     MISSING,
     capitalized,

@@ -7,7 +7,7 @@ import numpy as np
 from sensor.statistics import PowerLaw
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.results.asked import sensor_of
-from tasks.study.results.intervals import Estimate
+from tasks.study.results.intervals import Interval
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
 
@@ -36,7 +36,7 @@ def slope_plot(one: Scaling) -> Plot:
 def _law_text(law: PowerLaw | None) -> str:
     if law is None:
         return "0, nothing moves"
-    return f"γ = {Estimate(law.exponent, law.low, law.high).text(sign='')}"
+    return f"γ = {Interval(law.exponent, law.low, law.high).text(sign='')}"
 
 
 def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:

@@ -10,7 +10,7 @@ from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
 from tasks.study.results.choice import Choice, choose
-from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.intervals import Interval, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
@@ -30,7 +30,7 @@ class Lead:
     cutoff_hz: float
     speed: float
     sensors: tuple[SensorId, SensorId]
-    found: Mapping[str, Estimate | None]
+    found: Mapping[str, Interval | None]
     choices: Mapping[str, Choice | None]
     paper: float | None
 
@@ -70,7 +70,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
 
 def _lead(
     scores: Scores, series: Series, places: Mapping[SensorId, Condition], sign: float
-) -> Estimate | None:
+) -> Interval | None:
     cells = {one: scores.cell(series, where) for one, where in places.items()}
     if not all(cell.complete for cell in cells.values()):
         return None
