@@ -7,18 +7,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from eres_render.errors import check_positive, check_spp, nearest
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.cameras import EventCamera
-from sensor.errors import SensorError
 from sensor.levels import DARK_FRACTION
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
-from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, unlike_two_poles
-from tasks.registry import TASKS
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
+from tasks.study import rules
 from tasks.study.sensors import (
     BUS_KEYS,
     StudyLight,
@@ -46,13 +44,6 @@ _LEFT_OUT_IF_NOT_GIVEN = (
         "trajectories",
     ),
 )
-
-_LEAST_HZ = 1e-3  # warms up for a quarter of an hour
-_MOST_THRESHOLD = math.log(65504 / 2**-24)  # frames are half-floats
-_LONGEST_S = 2000.0  # sensors take less than 2147 s between two frames
-_LEAST_DISPLACEMENT_PX = 0.001
-LEAST_RESOLUTION = 62
-"""Least side of a frame, px: `sensor.statistics.slopes_by_pixel_size` needs it for its blocks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -397,210 +388,7 @@ class Study:
     trajectories: dict[str, str] | None = None
 
     def __post_init__(self) -> None:
-        _check_numbers("render", self.render)
-        _check_numbers("simulate", self.simulate)
-        for task, settings in self.evaluate.items():
-            _check_numbers(f"evaluate.{task}", settings)
-        _check_list("scenes", self.scenes)
-        for scene in self.trajectories or {}:
-            if scene not in self.scenes:
-                raise StudyError(
-                    f"trajectories: found {scene!r}, expected one of scenes; "
-                    f"{nearest(scene, self.scenes)}"
-                )
-        for name in (
-            *(
-                name  # before the fields that follow from it
-                for name in ("illuminance_lux", "speeds_m_s")
-                if getattr(self.simulate, name) is not None
-            ),
-            *("cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"),
-            *(("widths",) if self.simulate.widths or not self.simulate.sensors else ()),
-        ):
-            _check_list(f"simulate.{name}", getattr(self.simulate, name))
-        for name, side in (("resolution", self.render.resolution), ("height", self.render.height)):
-            if side is not None and side < LEAST_RESOLUTION:
-                raise StudyError(
-                    f"render.{name}: found {side} px, expected at least {LEAST_RESOLUTION}, which "
-                    "the scaling statistics need"
-                )
-        check_spp(self.render.spp, StudyError)
-        if (px := self.render.max_displacement_px) < _LEAST_DISPLACEMENT_PX:
-            raise StudyError(
-                f"render.max_displacement_px: found {px}, expected at least "
-                f"{_LEAST_DISPLACEMENT_PX} px"
-            )
-        if self.render.seed >= 1 << 32:
-            raise StudyError(f"render.seed: found {self.render.seed}, expected less than 2^32")
-        if max(self.simulate.widths, default=0) > self.render.resolution:
-            raise StudyError(
-                f"simulate.widths: found {max(self.simulate.widths)} px, expected at most "
-                f"{self.render.resolution}, which is render.resolution"
-            )
-        self._check_sensors()
-        try:
-            models = [model for *_, model in self.simulate.models(self.render)]
-        except SensorError as error:
-            raise StudyError(f"simulate: {error}") from None
-        slowest_hz = min(model.cutoff_hz for model in models)
-        if slowest_hz < _LEAST_HZ:
-            raise StudyError(
-                f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_LEAST_HZ:g} Hz"
-            )
-        highest = max(min(model.contrast_threshold, model.off_threshold) for model in models)
-        if highest > _MOST_THRESHOLD:
-            raise StudyError(
-                f"simulate: found a contrast threshold of {highest:g}, expected at most "
-                f"{_MOST_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
-            )
-        if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
-            check_buses(self.simulate, self.render)
-        self._check_distance()
-        self._check_tasks()
-
-    def _check_distance(self) -> None:
-        """Refuse a distance without speeds in m/s, or for widths that have their own."""
-        place, found = "simulate.distance_m", self.simulate.distance_m
-        if found is None:
-            return
-        check_positive(place, found, StudyError)
-        if self.simulate.speeds_m_s is None:
-            raise StudyError(
-                f"{place}: found {found:g} m and speeds that are factors, expected "
-                "simulate.speeds_m_s"
-            )
-        if self.simulate.same_lens:
-            raise StudyError(
-                f"{place}: found {found:g} m and simulate.same_lens, which gives each width a "
-                "distance, expected one of them"
-            )
-
-    def _check_sensors(self) -> None:
-        """Refuse a camera without a name or a grid, one finer than the frames, or a name twice."""
-        for sensor in self.simulate.sensors:
-            at = f"simulate.sensors: found {sensor.name!r}"
-            render = self.render
-            try:
-                width, height = sensor.size
-            except SensorError as error:
-                raise StudyError(f"simulate.sensors: {error}") from None
-            if not sensor.name:
-                raise StudyError(
-                    f"simulate.sensors: found a camera of {width}x{height} px without a name, "
-                    "expected a name, or its width in simulate.widths"
-                )
-            seen = render.seen_px(width, height)
-            if width > seen[0] or height > seen[1]:
-                raise StudyError(
-                    f"{at} of {width}x{height} px, finer than the frames, of whose "
-                    f"{render.resolution}x{render.height_at(render.resolution)} px it sees "
-                    f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
-                )
-        self._check_area_exponents()
-        if self.simulate.sensors:
-            _check_list("simulate.sensors", tuple(one.name for one in self.simulate.cameras))
-
-    def _check_area_exponents(self) -> None:
-        """Refuse exponents that are out of range, given twice, or without light in lux."""
-        place, exponents = "simulate.area_exponents", self.simulate.area_exponents
-        if exponents is None:
-            return
-        _check_list(place, exponents)
-        if max(exponents) > 1:
-            raise StudyError(f"{place}: found {max(exponents)}, expected numbers from 0 to 1")
-        if self.simulate.illuminance_lux is None:
-            raise StudyError(
-                f"{place}: found {exponents} and cutoffs, expected simulate.illuminance_lux, from "
-                "which cutoffs follow"
-            )
-
-    def _check_tasks(self) -> None:
-        """Refuse settings that give a row twice or none, and oracles next to another
-        photoreceptor."""
-        tracking = self.evaluate["tracking"]
-        if tracking.methods and getattr(tracking, "sigmas_mm", None) == ():
-            raise StudyError("evaluate.tracking.sigmas_mm: found none, expected one or more")
-        for task, settings in self.evaluate.items():
-            for stretches, planned in settings.plan().items():
-                if planned.methods:
-                    _check_list(f"evaluate.{task}, methods", planned.methods)
-                speeds = () if self.simulate.speeds_m_s else self.simulate.speeds
-                twice = set(stretches.speeds) & set(speeds)
-                if planned.methods and twice:
-                    raise StudyError(
-                        f"evaluate.{task}: found methods for a speed of {max(twice):g}, which "
-                        "simulate.speeds has for all methods, expected another speed"
-                    )
-            self._check_diagnostics(task, settings.methods)
-
-    def _check_diagnostics(self, task: str, methods: tuple[str, ...]) -> None:
-        asked = [name for name in methods if name in TASKS[task].diagnostics]
-        models = [model for *_, model in self.simulate.models(self.render)] if asked else []
-        for model in models:
-            if found := unlike_two_poles(model):
-                raise StudyError(
-                    f"evaluate.{task}.methods: found {asked[0]!r}, which is about two poles, and "
-                    f"{found}, expected only 'two_pole' with one cutoff"
-                )
-
-
-def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
-    """Refuse speeds whose window is shorter than a microsecond or longer than half an hour."""
-    window_us = 1e6 * render.window_s
-    least, most = render.window_s / _LONGEST_S, window_us
-    for speed in simulate.speeds:
-        if not least <= speed <= most:
-            raise StudyError(
-                f"{place}: found {speed:g} times the base speed, at which a window of "
-                f"{1e3 * render.window_s:g} ms lasts {render.window_s / speed:.3g} s, expected "
-                f"{least:.3g} to {most:g}"
-            )
-
-
-def check_buses(simulate: Simulate, render: Render) -> None:
-    """Refuse a bus that carries less than one event per window, or a queue without a bus."""
-    window_s = render.window_s / max(simulate.speeds)
-    for one in simulate.all_cameras(render):
-        bus, own = simulate.readout(one), [key for key in BUS_KEYS if one.states(key)]
-        if own and bus is None and "bus" not in own:
-            raise StudyError(
-                f"simulate.sensors: {one.name!r}: {own[0]}: found no bus, expected one of its own "
-                "or simulate.bus_mev_s"
-            )
-        if bus is None or bus.row_overhead_s + 1 / bus.max_rate_hz <= window_s:
-            continue
-        overhead_s = bus.row_overhead_s
-        expected = (
-            f"at least {1e-6 / (window_s - overhead_s):g}"
-            if overhead_s < window_s
-            else f"a row_overhead of less than {window_s:g} s"
-        )
-        decisive = [key for key in own if key != "fifo"]
-        place = f"sensors: {one.name!r}: {decisive[0]}" if decisive else "bus_mev_s"
-        raise StudyError(
-            f"simulate.{place}: found {bus.max_rate_hz / 1e6:g} Mev/s"
-            f"{f' with a row_overhead of {overhead_s:g} s' if overhead_s else ''}, which carries "
-            f"no event in a window of {1e3 * window_s:g} ms, expected {expected}"
-        )
-
-
-def _check_list(place: str, values: tuple[Any, ...]) -> None:
-    if not values:
-        raise StudyError(f"{place}: found none, expected one or more")
-    if len(set(values)) < len(values):
-        raise StudyError(f"{place}: found {values}, expected each of them once")
-
-
-def _check_numbers(section: str, values: Any) -> None:
-    for one in fields(values):
-        found, place = getattr(values, one.name), f"{section}.{one.name}"
-        for value in found if isinstance(found, tuple) else (found,):
-            if type(value) not in (int, float) or value > 0:
-                continue
-            if not MAY_BE_ZERO.items() <= one.metadata.items():
-                raise StudyError(f"{place}: found {value}, expected a positive number")
-            if value != 0:
-                raise StudyError(f"{place}: found {value}, expected 0 or more")
+        rules.check(self)
 
 
 def to_json(study: Study) -> dict[str, Any]:

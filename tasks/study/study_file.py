@@ -10,8 +10,9 @@ from eres_render.storage.settings_reader import check_known, read_toml, read_typ
 from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
 from tasks.errors import StudyError, WeightsError
-from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
+from tasks.evaluation.settings import Evaluate
 from tasks.registry import TASKS, load
+from tasks.study import rules
 from tasks.study.changes import is_path, with_weights
 from tasks.study.sensors import read_camera_of
 from tasks.study.settings import Simulate, Study
@@ -58,10 +59,9 @@ def read_study(file: str | Path) -> Study:
             _placed(name, file): str(file.parent / one) for name, one in paths.items()
         }
     study = read_typed(Study, table, file, StudyError)
-    _check_fast(study.evaluate["flow"], file)
-    _check_scenes(study, file)
     placed = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
     try:
+        rules.check_file(study)
         return with_weights(study, placed)
     except (StudyError, WeightsError) as error:
         raise type(error)(f"{file}: {error}") from None
@@ -69,29 +69,6 @@ def read_study(file: str | Path) -> Study:
 
 def _names(kind: type) -> list[str]:
     return [one.name for one in fields(kind)]
-
-
-def _check_fast(flow: TaskSettings, file: Path) -> None:
-    """Refuse a speed or scenes for fast methods of which there are none."""
-    if not isinstance(flow, Flow) or flow.fast_methods:
-        return
-    for name in ("fast_speed", "fast_scenes"):
-        if (found := getattr(flow, name)) != getattr(Flow(), name):
-            raise StudyError(
-                f"{file}: evaluate.flow.{name}: found {found!r}, expected it only with fast_methods"
-            )
-
-
-def _check_scenes(study: Study, file: Path) -> None:
-    """Refuse methods that no scene of the file is for."""
-    names = [Path(scene).name.removesuffix(".xml") for scene in study.scenes]
-    for task, settings in study.evaluate.items():
-        for stretches, planned in settings.plan().items():
-            if planned.methods and stretches.scenes and not {*stretches.scenes} & {*names}:
-                raise StudyError(
-                    f"{file}: evaluate.{task}: found methods for {', '.join(stretches.scenes)} "
-                    f"alone, expected a scene of the study: {', '.join(names)}"
-                )
 
 
 def _placed(scene: Any, file: Path) -> Any:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
 from eres_render import Clip, Scene, Trajectory, clips, continuous_stretch
-from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
@@ -19,15 +18,11 @@ from tasks.methods import code_of, code_of_tasks
 from tasks.methods.networks import digests
 from tasks.registry import TASKS
 from tasks.row import Row
+from tasks.study import rules
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import own_of
-from tasks.study.settings import LEAST_RESOLUTION, check_buses, check_speeds
-from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
 _log = logging.getLogger(__name__)
-
-_POSES = 1001  # along a path: the median distance is within 1 mm on carpet and rocks
-_FACING = 1e-9  # 1 - cosine between the axis of the camera and the normal
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,17 +152,17 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
     scale = scale_of(study.simulate, scene, path)
     study = replace(study, simulate=_at_factors(study.simulate, scene, path, scale))
-    _check_first_sensor(study)
+    rules.check_first_sensor(study)
     if study.simulate.same_lens:
-        _check_facing(scene, path)
+        rules.check_facing(scene, path)
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
     for stretches in planned:
         render, simulate, _ = _on(stretches, study)
-        check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
-        check_buses(simulate, render)  # speeds in m/s are factors only now
-    _check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
+        rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
+        rules.check_buses(simulate, render)  # speeds in m/s are factors only now
+    rules.check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
         for stretches in sorted(planned)
@@ -179,7 +174,7 @@ def distance_m_of(scene: Scene, path: Trajectory) -> float | None:
     """Return the camera's median distance from the plane along its axis."""
     if scene.plane is None:
         return None
-    T = path.pose(np.linspace(0.0, scene.duration_s, _POSES))
+    T = path.pose(np.linspace(0.0, scene.duration_s, rules.POSES))
     return round(float(np.median(scene.plane.distance(T[:, :3, 3], T[:, :3, 2]))), 9)
 
 
@@ -206,31 +201,6 @@ def _at_factors(simulate: Simulate, scene: Scene, path: Trajectory, scale: float
             "simulate.speeds, which are factors"
         )
     return simulate.at_factors(scale * base_m_s)
-
-
-def _check_first_sensor(study: Study) -> None:
-    """Refuse a first sensor that sees too few pixels; scaling is measured on what it sees."""
-    render = study.render
-    sensor, _, first = next(study.simulate.models(render))
-    width, height = render.seen_px(first.width, first.height)
-    if min(width, height) < LEAST_RESOLUTION:
-        place, name = ("sensors", f"{sensor.name!r} of ") if sensor.name else ("widths", "")
-        raise StudyError(
-            f"simulate.{place}: found {name}{first.width}x{first.height} px first, which sees "
-            f"{width}x{height} px of the frames, expected a first sensor that sees at least "
-            f"{LEAST_RESOLUTION} px on each side, which the scaling statistics need"
-        )
-
-
-def _check_facing(scene: Scene, path: Trajectory) -> None:
-    """Refuse a scene whose image does not just shrink when the camera is farther away."""
-    plane = scene.plane
-    if plane is not None:
-        axes = path.pose(np.linspace(0.0, scene.duration_s, _POSES))[:, :3, 2]
-        if np.all(axes @ plane.normal < _FACING - 1.0):
-            return
-    found = "a scene with depth" if plane is None else "a camera that turns away from the plane"
-    raise StudyError(f"simulate.same_lens: {scene.name}: found {found}, expected one that faces it")
 
 
 def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
@@ -284,33 +254,9 @@ def _jobs_on(
     if isinstance(tracking := tasks.get("tracking"), Tracking):
         place = _place_of_speeds(simulate, stretches)
         left_s = path_s - max(clip.t_window_start_s for clip in found)
-        _check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
+        rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks, scale)
-
-
-def _check_tracked(
-    place: str, render: Render, simulate: Simulate, delay_s: float, left_s: float
-) -> None:
-    """Refuse speeds at which tracking lacks frames of its window or poses after it.
-
-    Parameters
-    ----------
-    left_s
-        What is left of the scene's path when the last window starts, at base speed.
-    """
-    needs = (
-        ("windows", render.window_s, PATH_S + delay_s),
-        ("a path after the last start", left_s, PATH_S + KNOT_INTERVAL_S),
-    )
-    for what, there_s, needed_s in needs:
-        most = there_s / needed_s
-        if max(simulate.speeds) > most * (1 + 1e-9):
-            raise StudyError(
-                f"{place}: found {max(simulate.speeds):.3g} times the base speed, with {what} "
-                f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
-                f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
-            )
 
 
 def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
@@ -322,7 +268,7 @@ def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
     """Return the study's samples, spread evenly over the path; all that fit by default."""
-    _check_path(render, scene)
+    rules.check_path(render, scene)
     fitting = clips(
         scene,
         every_s=render.every_s,
@@ -337,73 +283,6 @@ def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: fl
             f"path of {scene.name}"
         )
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
-
-
-def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Scene) -> None:
-    """Refuse a warm-up longer than the time between samples; name values that suit all tasks."""
-    needs_s = [simulate.longest_warm_up_s + before_s for _, simulate, before_s in stretches]
-    if not stretches or max(needs_s) <= 0.5 * stretches[0][0].every_s:
-        return
-    render, simulate, before_s = stretches[int(np.argmax(needs_s))]
-    room_s = 0.5 * render.every_s
-    reason = f"warm_up_s = {simulate.warm_up_s:g}"
-    nearest = []
-    if simulate.longest_warm_up_s > simulate.warm_up_s:
-        camera, light, model = max(
-            simulate.models(), key=lambda found: found[0].warm_up / found[2].cutoff_hz
-        )
-        slowest_hz, lux = model.cutoff_hz, light.illuminance_lux
-        name = f" of {camera.name!r}" if camera.name else ""
-        reason = (
-            f"{camera.warm_up:g} time constants of {slowest_hz:g} Hz{name} at "
-            f"speed {max(simulate.speeds):.3g}"
-        )
-        if all(one.warm_up_s + before_s < room_s for _, one, before_s in stretches):
-            factor = max(
-                one.longest_warm_up_s / (room_s - before_s) for _, one, before_s in stretches
-            )
-            least_hz = factor * slowest_hz
-            least_lux = factor * lux or least_hz / cutoff_in_light(1.0)
-            nearest.append(
-                f"at least {_rounded(least_hz, math.ceil)} Hz "
-                f"({_rounded(least_lux, math.ceil)} lux)"
-            )
-    every_s = _rounded(2 * max(needs_s), math.ceil)
-    if all(float(every_s) <= _most_s(one, scene) for one, *_ in stretches):
-        nearest.append(f"every_s = {every_s}")
-    earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
-    raise StudyError(
-        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, {reason}"
-        f"{earlier}, expected at most {room_s:g} s, half of render.every_s"
-        f"{': ' if nearest else ''}{', or '.join(nearest)}"
-    )
-
-
-def _rounded(value: float, to: Callable[[float], int]) -> str:
-    """Return three digits of a limit, rounded to the side that is allowed."""
-    unit = 10.0 ** (math.floor(math.log10(abs(value) or 1.0)) - 2)
-    return f"{to(round(value / unit, 9)) * unit:g}"
-
-
-def _most_s(render: Render, scene: Scene) -> float:
-    """Return the longest time between samples with which one fits the path, s."""
-    return 2 * (scene.duration_s - render.window_s)
-
-
-def _check_path(render: Render, scene: Scene) -> None:
-    """Refuse a path without room for a sample."""
-    most_s = _most_s(render, scene)
-    if render.every_s > most_s * (1 + 1e-9):
-        if most_s <= 0:
-            raise StudyError(
-                f"render.window_s or tracking_window_s: found {render.window_s:g} s, expected less "
-                f"than the path of {scene.name}, {scene.duration_s:g} s long"
-            )
-        raise StudyError(
-            f"render.every_s: found {render.every_s:g} s, with which no sample fits the path of "
-            f"{scene.name}, {scene.duration_s:g} s long, expected at most "
-            f"{_rounded(most_s, math.floor)}"
-        )
 
 
 def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:

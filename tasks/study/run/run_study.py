@@ -7,17 +7,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from eres_render import Scene, list_scenes, load_scene
-from eres_render.errors import nearest
+from eres_render import Scene, load_scene
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import clear_unfinished
 from eres_render.storage.locks import LockedError, locked
 from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
-from tasks.registry import TASKS
 from tasks.row import Row
+from tasks.study import rules
 from tasks.study.config import Study, to_json
-from tasks.study.results.previews import INDEX_NAME
 from tasks.study.results.words import distances_label
 from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import (
@@ -91,7 +89,7 @@ def run_study(
         scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
-        _check_compares(work.values())
+        rules.check_compares(work.values())
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
@@ -131,22 +129,6 @@ def _check_methods(study: Study) -> None:
     check_methods(study.evaluate, sizes * len(speeds))
 
 
-def _check_compares(jobs: Iterable[Job]) -> None:
-    """Refuse jobs of do-nothing methods alone, of which there is nothing to report."""
-    asked = [
-        (task, name)
-        for job in jobs
-        for task, settings in job.evaluate.items()
-        for name in settings.methods
-    ]
-    if all(name == TASKS[task].baseline for task, name in asked):
-        listed = " and ".join(dict.fromkeys(name for _, name in asked))
-        raise StudyError(
-            f"evaluate: found {listed} alone, expected a method that uses the events and suits the "
-            "scenes"
-        )
-
-
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
     """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
     simulate = study.simulate
@@ -164,43 +146,10 @@ def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dic
 
 
 def _scenes(study: Study) -> list[Scene]:
-    """Load the scenes, each with the path that the study gives it.
-
-    Raises
-    ------
-    StudyError
-        Two scenes have the same name, by which rows and files identify them, or the same content,
-        by which jobs do, or a task is for a scene that does not exist.
-    """
+    """Load the scenes, each with the path that the study gives it."""
     paths = study.trajectories or {}
     scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
-    names = [scene.name for scene in scenes]
-    for scene, source in zip(scenes, study.scenes, strict=True):
-        if names.count(scene.name) > 1:
-            raise StudyError(
-                f"scenes: found several named {scene.name!r}, such as {source}, expected different "
-                "names of folders or files"
-            )
-        if scene.name == Path(INDEX_NAME).stem:
-            raise StudyError(
-                f"scenes: found {source}, expected another name of the folder or file: "
-                f"previews/{INDEX_NAME} lists the pictures of all scenes"
-            )
-    by_content: dict[str, str] = {}
-    for scene in scenes:
-        other = by_content.setdefault(scene.digest, scene.name)
-        if other != scene.name:
-            raise StudyError(
-                f"scenes: found {other!r} and {scene.name!r} with the same content, expected each "
-                "scene once"
-            )
-    for task, settings in study.evaluate.items():
-        for stretches in settings.plan():
-            for name in stretches.scenes:
-                if name not in (*names, *list_scenes()):  # a preset's scene may not be in a run
-                    raise StudyError(
-                        f"evaluate.{task}: found no scene {name!r}; {nearest(name, names)}"
-                    )
+    rules.check_scenes(study, scenes)
     return scenes
 
 
