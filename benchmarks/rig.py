@@ -32,7 +32,7 @@ from tasks.rig.calibration import compare, read_truth, solve_recording, write_tr
 from tasks.rig.detect import detect
 from tasks.rig.markers import Refinement
 from tasks.rig.page import PAPER, draw, lay_out, write_page, write_print
-from tasks.rig.recording import Frame, Recording, open_recording, write_frames_table
+from tasks.rig.recording import Frame, RigRecording, open_rig_recording, write_frames_table
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import strokes, write_slider
 from tasks.rig.virtual import render_rig, true_pose, write_page_scene
@@ -106,11 +106,11 @@ def events_of(folder: Path, light: RadianceSequence) -> None:
             simulate_sequence(light, model, events, SimulationOptions(seed=1))
 
 
-def recording_of(folder: Path, sensor: str) -> Recording:
+def recording_of(folder: Path, sensor: str) -> RigRecording:
     """Open a recording with the events of one of the two sensors."""
     (folder / "events.h5").unlink(missing_ok=True)
     (folder / "events.h5").symlink_to(folder.resolve() / f"{sensor}.h5")
-    return open_recording(folder)
+    return open_rig_recording(folder)
 
 
 def stills_of(out: Path, width: int, depth_m: float) -> None:
@@ -160,7 +160,7 @@ def main(out: Path, settings: list[str]) -> None:
             events_of(folder, light_of(folder, int(width), depth_m, float(travel)))
             sources = SOURCES if width < FINE_PX else FINE_SOURCES
         for source, sensor, blur_px, unknowns in sources:
-            recording = recording_of(folder, sensor) if sensor else open_recording(folder)
+            recording = recording_of(folder, sensor) if sensor else open_rig_recording(folder)
             start = times_now()
             found = detect(recording, source, images=IMAGES, blur_px=blur_px, refinement=refinement)
             detected = times_now()
@@ -181,7 +181,7 @@ def main(out: Path, settings: list[str]) -> None:
             )
 
 
-def visible(recording: Recording, truth: RigPose, times_us: list[int]) -> int:
+def visible(recording: RigRecording, truth: RigPose, times_us: list[int]) -> int:
     """Return how many markers are wholly in view in all images, from those at some times."""
     page, camera = recording.page, recording.camera
     corners = np.array([page.corners(k) for k in range(len(page.markers_m))])

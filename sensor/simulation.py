@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from numpy.typing import ArrayLike
 
 from sensor.engine.bank import Bank, collect
-from sensor.engine.frames import Frames
+from sensor.engine.frames import FrameInput
 from sensor.events import Events
 from sensor.model import SensorModel
 
 
 def simulate(
-    frames: Frames,
+    frames: FrameInput,
     t_s: ArrayLike,
     model: SensorModel,
     *,
@@ -82,7 +82,7 @@ def simulate(
 
 
 def stream(
-    frames: Frames,
+    frames: FrameInput,
     t_s: ArrayLike,
     model: SensorModel,
     *,
@@ -126,7 +126,7 @@ def stream(
 
 
 def simulate_bank(
-    frames: Frames,
+    frames: FrameInput,
     t_s: ArrayLike,
     models: Sequence[SensorModel],
     *,
@@ -180,7 +180,7 @@ def simulate_bank(
 
 
 def stream_bank(
-    frames: Frames,
+    frames: FrameInput,
     t_s: ArrayLike,
     models: Sequence[SensorModel],
     *,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from sensor.engine.arguments import Lit
-    from sensor.engine.frames import Frames
+    from sensor.engine.frames import FrameInput
     from sensor.events import Events
     from sensor.live import LiveCamera
     from sensor.readout import Readout
@@ -415,7 +415,7 @@ random_start
 
     def stream(
         self,
-        frames: Frames,
+        frames: FrameInput,
         t_s: ArrayLike,
         *,
         seed: int = 0,
@@ -451,7 +451,7 @@ random_start
         parts = (events for _, events in bank.run())
         yield from parts if self.bus is None else read_out(parts, self.bus)
 
-    def simulate(self, frames: Frames, t_s: ArrayLike, **options: Any) -> Events:
+    def simulate(self, frames: FrameInput, t_s: ArrayLike, **options: Any) -> Events:
         """Simulate the camera, with its bus.
 
         Parameters

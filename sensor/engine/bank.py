@@ -21,7 +21,7 @@ from sensor.engine.arguments import (
 )
 from sensor.engine.devices import device_called
 from sensor.engine.frames import (
-    Frames,
+    FrameInput,
     check_spans,
     checked_times,
     warn_of_long_intervals,
@@ -49,7 +49,7 @@ class Bank:
 
     def __init__(
         self,
-        frames: Frames,
+        frames: FrameInput,
         t_s: ArrayLike,
         models: Sequence[Lit],
         speeds: Sequence[float] | None,

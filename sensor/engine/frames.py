@@ -15,7 +15,7 @@ from sensor.memory import MEMORY
 from sensor.model import MAX_TIME_S
 from sensor.numbers import refusal
 
-Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
+FrameInput = NDArray[np.floating] | Iterable[NDArray[np.floating]]
 
 _log = logging.getLogger(__name__)
 
@@ -102,7 +102,7 @@ class FrameReader:
         (T, H, W) array, or an iterable of (H, W) arrays.
     """
 
-    def __init__(self, frames: Frames, count: int) -> None:
+    def __init__(self, frames: FrameInput, count: int) -> None:
         self._count = count
         self._array: NDArray[np.floating] | None = None
         self._rest: Iterator[NDArray[np.floating]] = iter(())

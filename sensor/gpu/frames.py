@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from sensor.engine.frames import FrameReader, Frames, checked_frames, refuse_bad_radiance
+from sensor.engine.frames import FrameInput, FrameReader, checked_frames, refuse_bad_radiance
 from sensor.errors import SensorError
 from sensor.gpu.memory import DeviceArray, Scratch, Uploader
 
@@ -44,7 +44,7 @@ class ToDevice:
 class DeviceReader:
     """Reads frames in order as `FrameReader` does, into the memory of a GPU."""
 
-    def __init__(self, frames: Frames, count: int, to_device: ToDevice) -> None:
+    def __init__(self, frames: FrameInput, count: int, to_device: ToDevice) -> None:
         self._count = count
         self._to_device = to_device
         self._host: FrameReader | None = None

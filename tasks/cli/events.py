@@ -12,7 +12,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tasks.cli import terminal
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.errors import TaskError
-from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_frames
+from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, Reading
 
@@ -64,7 +64,7 @@ def simulate(
     from tasks.events.simulation import SimulationOptions, simulate_sequence, warn_of_fill_factor
     from tasks.footage import Footage
 
-    frames = open_frames(path, footage)
+    frames = open_source_frames(path, footage)
     simulate_frames: Callable[..., tuple[int, ReadoutReport | None]]
     if isinstance(frames, Footage):
         if truth is not None:

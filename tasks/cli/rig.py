@@ -218,12 +218,12 @@ def detect(
     from tasks.events.overwriting import check_new
     from tasks.rig.detect import detect as find
     from tasks.rig.markers import write_detections
-    from tasks.rig.recording import open_recording, recorded_files
+    from tasks.rig.recording import open_rig_recording, recorded_files
 
     check_new(out, overwrite, recording, *recorded_files(recording))
     with progress_bar(terminal.err) as on_progress:
         found = find(
-            open_recording(recording),
+            open_rig_recording(recording),
             source,
             images=images,
             max_speed_mps=max_speed,
@@ -278,14 +278,14 @@ def solve(
     from tasks.rig.bundle import Unknowns
     from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
     from tasks.rig.markers import read_detections
-    from tasks.rig.recording import open_recording, recorded_files
+    from tasks.rig.recording import open_rig_recording, recorded_files
 
     if not recordings:
         raise UsageError("solve: found no recording, expected at least one folder")
     for folder in recordings:
         check_new(out, overwrite, folder / corners, *recorded_files(folder))
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
-    opened = [open_recording(folder) for folder in recordings]
+    opened = [open_rig_recording(folder) for folder in recordings]
     solved = [
         solve_recording(one, read_detections(one.folder / corners), unknowns, max_rms)
         for one in opened
@@ -326,17 +326,17 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
         Replace existing files.
     """
     from tasks.cli.progress_bar import progress_bar
-    from tasks.rig.calibration import read_calibration
+    from tasks.rig.calibration import read_rig_calibration
     from tasks.rig.crop import crop as cut
     from tasks.rig.crop import read_crop
-    from tasks.rig.recording import open_recording
+    from tasks.rig.recording import open_rig_recording
 
     if not recordings:
         raise UsageError("crop: found no recording, expected at least one folder")
     with progress_bar(terminal.err) as on_progress:
         folders = cut(
-            [open_recording(folder) for folder in recordings],
-            read_calibration(calibration),
+            [open_rig_recording(folder) for folder in recordings],
+            read_rig_calibration(calibration),
             out,
             overwrite=overwrite,
             on_progress=on_progress,

@@ -23,7 +23,7 @@ from sensor.errors import reading
 from sensor.formats import dsec
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import crop_to_aspect, integrate
-from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
+from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_recordings, nearest
 from tasks.errors import TaskError
 from tasks.origin import shift_us
 
@@ -161,7 +161,7 @@ class EventDataset:
         with reading(recording.path, dsec.TITLE):
             return item | _truth(reader.file, recording, self.targets, window_us)
 
-    def _count(self, recording: Recording) -> int:
+    def _count(self, recording: DatasetRecording) -> int:
         if self.window_us is not None:
             start_us, end_us = recording.window_us
             return (end_us - start_us) // self.window_us
@@ -171,7 +171,7 @@ class EventDataset:
         return len(recording.truth_us) - 1
 
     def _window(
-        self, recording: Recording, reader: DsecReader, k: int
+        self, recording: DatasetRecording, reader: DsecReader, k: int
     ) -> tuple[Events, tuple[int, int]]:
         """Return the events and the times of a recording's window k."""
         if self.window_events is not None:
@@ -186,7 +186,7 @@ class EventDataset:
         return reader.between(*window_us), window_us
 
 
-def _check_sizes(recordings: Sequence[Recording]) -> None:
+def _check_sizes(recordings: Sequence[DatasetRecording]) -> None:
     first = recordings[0]
     for one in recordings:
         if one.size_px != first.size_px:
@@ -198,7 +198,7 @@ def _check_sizes(recordings: Sequence[Recording]) -> None:
 
 
 def _checked_targets(
-    recordings: Sequence[Recording], targets: Sequence[str] | None
+    recordings: Sequence[DatasetRecording], targets: Sequence[str] | None
 ) -> tuple[str, ...]:
     targets = None if targets is None else tuple(targets)
     unknown = [name for name in targets or () if name not in TARGETS]
@@ -211,7 +211,7 @@ def _checked_targets(
     return tuple(targets)
 
 
-def _check_present(recordings: Sequence[Recording], target: str, advice: str) -> None:
+def _check_present(recordings: Sequence[DatasetRecording], target: str, advice: str) -> None:
     for one in recordings:
         still = target == "instances" and "depth" in one.targets
         if target not in one.targets and not still:
@@ -250,7 +250,7 @@ def _version(file: Path) -> tuple[int, ...]:
     return found.st_ino, found.st_mtime_ns, found.st_size
 
 
-def _frame(recording: Recording, events: Events, t_us: int) -> Item:
+def _frame(recording: DatasetRecording, events: Events, t_us: int) -> Item:
     """Return the frame nearest to a time, as the sensor sees it."""
     assert recording.clip is not None
     clip = _clip(recording.clip)
@@ -266,7 +266,7 @@ def _frame(recording: Recording, events: Events, t_us: int) -> Item:
 
 
 def _truth(
-    file: Any, recording: Recording, targets: Sequence[str], window_us: tuple[int, int]
+    file: Any, recording: DatasetRecording, targets: Sequence[str], window_us: tuple[int, int]
 ) -> Item:
     """Read the ground truth of a window."""
     wanted = [name for name in TRUTH if name in targets]

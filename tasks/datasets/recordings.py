@@ -37,7 +37,7 @@ _ORIGIN = ("scene", "clip", "frames_width", "frames_height")
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class DatasetRecording:
     """An event file, its clip and its ground truth; no file stays open.
 
     Parameters
@@ -68,7 +68,7 @@ class Recording:
     size_px: tuple[int, int]
 
 
-def find_recordings(folder: Path) -> list[Recording]:
+def find_recordings(folder: Path) -> list[DatasetRecording]:
     """Find the recordings in a folder and below it, except for hidden folders, sorted by path."""
     if not folder.is_dir():
         there = "a file" if folder.exists() else "no such folder"
@@ -143,7 +143,7 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
     return clips
 
 
-def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
+def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> DatasetRecording:
     origin = read_header(path).origin
     with DsecReader(path) as reader:
         if "window_start_us" in origin and "window_end_us" in origin:
@@ -169,7 +169,7 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
     clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
     if clip is not None:
         targets.insert(0, "frame")
-    return Recording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
+    return DatasetRecording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
 
 
 def _window_us(path: Path, start: Any, end: Any) -> tuple[int, int]:

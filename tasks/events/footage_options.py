@@ -49,7 +49,7 @@ class FootageOptions:
 NO_FOOTAGE = FootageOptions()
 
 
-def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Footage:
+def open_source_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Footage:
     """Open the frames to simulate a sensor on.
 
     Parameters

@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 _SAMPLES_ALONG = 3  # of frames along a pixel, from which on a fill factor acts, see `SensorModel`
 
 
-class Frames(Protocol):
+class RadianceFrames(Protocol):
     """Frames of linear radiance with their times: a `RadianceSequence`, or `Footage`."""
 
     @property
@@ -101,7 +101,7 @@ FASTEST = 1e9
 AS_IN_THE_FRAMES = SimulationOptions()
 
 
-def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
+def warn_of_fill_factor(frames: RadianceFrames, model: SensorModel) -> None:
     """Warn if frames are too coarse for the fill factor of a sensor."""
     _, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     along = (columns.stop - columns.start) / model.width
@@ -113,7 +113,7 @@ def warn_of_fill_factor(frames: Frames, model: SensorModel) -> None:
         )
 
 
-def seen_part(frames: Frames, path: Path, model: SensorModel) -> tuple[slice, slice]:
+def seen_part(frames: RadianceFrames, path: Path, model: SensorModel) -> tuple[slice, slice]:
     """Return the central part of frames that a sensor sees.
 
     Returns
@@ -211,7 +211,7 @@ def _add_all(additions: Sequence[AddTo], path: Path) -> None:
 
 
 def simulate_frames(
-    frames: Frames,
+    frames: RadianceFrames,
     model: SensorModel,
     out: str | Path,
     options: SimulationOptions = AS_IN_THE_FRAMES,
@@ -291,7 +291,7 @@ def simulate_frames(
     return count, leaving.report if leaving is not None else None
 
 
-def _check_end(frames: Frames, out: Path, options: SimulationOptions) -> None:
+def _check_end(frames: RadianceFrames, out: Path, options: SimulationOptions) -> None:
     """Refuse frames that last longer than the format of the file can store."""
     offset_us = frames.t_offset_us
     start_us, last_us = (

@@ -1,4 +1,4 @@
-"""`Calibration`: the solutions of recordings, and the file that `eres rig solve` writes."""
+"""`RigCalibration`: the solutions of recordings, and the file that `eres rig solve` writes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from eres_render.storage.settings_reader import Vector3, read_json
 from tasks.errors import RigError
 from tasks.rig.bundle import Corners, RigPose, Solution, Unknowns, solve
 from tasks.rig.markers import Detections
-from tasks.rig.recording import Recording
+from tasks.rig.recording import RigRecording
 
 Float64 = NDArray[np.float64]
 
@@ -128,13 +128,13 @@ class SolvedRecording:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
+class RigCalibration:
     """The solutions of recordings, and the coordinate frame of their poses."""
 
     gauge: str
     recordings: tuple[SolvedRecording, ...]
 
-    def of(self, recording: Recording) -> SolvedRecording:
+    def of(self, recording: RigRecording) -> SolvedRecording:
         """Return the solution of a recording."""
         wanted = str(recording.folder.resolve())
         for solved in self.recordings:
@@ -148,7 +148,7 @@ class Calibration:
 
 
 def solve_recording(
-    recording: Recording, found: Detections, unknowns: Unknowns, max_rms_px: float
+    recording: RigRecording, found: Detections, unknowns: Unknowns, max_rms_px: float
 ) -> SolvedRecording:
     """Solve a recording from the markers in it.
 
@@ -186,7 +186,7 @@ def solve_recording(
     return _stored(recording, found, solution)
 
 
-def _stored(recording: Recording, found: Detections, solution: Solution) -> SolvedRecording:
+def _stored(recording: RigRecording, found: Detections, solution: Solution) -> SolvedRecording:
     x_m = recording.slider.position_m(found.t_us[solution.inliers])
     return SolvedRecording(
         recording=str(recording.folder.resolve()),
@@ -215,13 +215,13 @@ def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
 
 def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
     """Write calibration.json."""
-    table = asdict(Calibration(gauge=GAUGE, recordings=tuple(solved)))
+    table = asdict(RigCalibration(gauge=GAUGE, recordings=tuple(solved)))
     write_text(path, json.dumps(table, indent=1) + "\n", overwrite=overwrite)
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_rig_calibration(path: Path) -> RigCalibration:
     """Read calibration.json."""
-    return read_json(Calibration, path, RigError)
+    return read_json(RigCalibration, path, RigError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +290,7 @@ def _rms(vectors: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(np.asarray(vectors)), axis=-1))))
 
 
-def read_truth(recording: Recording) -> RigPose | None:
+def read_truth(recording: RigRecording) -> RigPose | None:
     """Return the true pose of a virtual recording, or None for a real one."""
     file = recording.folder / TRUTH_NAME
     return read_json(StoredPose, file, RigError).pose() if file.exists() else None

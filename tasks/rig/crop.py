@@ -31,9 +31,9 @@ from tasks.rig import page as page_files
 from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
-from tasks.rig.calibration import Calibration, StoredPose, on_page
+from tasks.rig.calibration import RigCalibration, StoredPose, on_page
 from tasks.rig.page import read_page_image, write_print
-from tasks.rig.recording import Recording
+from tasks.rig.recording import RigRecording
 from tasks.rig.slider import Slider
 
 Float64 = NDArray[np.float64]
@@ -204,8 +204,8 @@ def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
 
 
 def crop(
-    recordings: list[Recording],
-    calibration: Calibration,
+    recordings: list[RigRecording],
+    calibration: RigCalibration,
     out: Path,
     *,
     overwrite: bool = False,
@@ -264,7 +264,7 @@ def crop(
     return folders
 
 
-def _write(folder: Path, recording: Recording, cropped: Cropped) -> None:
+def _write(folder: Path, recording: RigRecording, cropped: Cropped) -> None:
     """Write a crop; a folder without its last file, crop.json, is none."""
     make_folder(folder)
     page = recording.page

@@ -20,7 +20,7 @@ from tasks.exposures import FILE_NAME as FRAMES_TABLE
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
 from tasks.rig.page import linear
-from tasks.rig.recording import Recording
+from tasks.rig.recording import RigRecording
 from tasks.video import ImageTaker, VideoMethod
 
 Float64 = NDArray[np.float64]
@@ -30,7 +30,7 @@ _ANY_THRESHOLD = 1.0  # of the high-pass filter, whose images are stretched anyw
 
 
 def detect(
-    recording: Recording,
+    recording: RigRecording,
     source: Source,
     *,
     images: int = 20,
@@ -104,12 +104,12 @@ def _codes(image: NDArray[Any], blur_px: float) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else gray_codes(image)
 
 
-def _need_frames(recording: Recording) -> None:
+def _need_frames(recording: RigRecording) -> None:
     if not recording.frames:
         raise RigError(f"{recording.folder}: found no frames.csv, expected frames for this source")
 
 
-def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures:
+def _frames(recording: RigRecording, images: int, max_speed_mps: float) -> Pictures:
     """Yield the slow frames that are nearest to times along the way; each once."""
     _need_frames(recording)
     first_us, last_us = recording.slider.t_us[[0, -1]].tolist()
@@ -162,7 +162,7 @@ class _Integration:
 
 
 def _from_events(
-    recording: Recording,
+    recording: RigRecording,
     source: Source,
     images: int,
     max_speed_mps: float,
@@ -193,7 +193,7 @@ def _from_events(
     yield from taker.rest()
 
 
-def _thresholds(recording: Recording, given: float | None) -> tuple[float, float]:
+def _thresholds(recording: RigRecording, given: float | None) -> tuple[float, float]:
     """Return the given threshold for ON and OFF, or those of the file's sensor."""
     if given is not None:
         return given, given
@@ -205,7 +205,7 @@ def _thresholds(recording: Recording, given: float | None) -> tuple[float, float
     return model.contrast_threshold, model.off_threshold
 
 
-def _span(recording: Recording) -> tuple[float, float]:
+def _span(recording: RigRecording) -> tuple[float, float]:
     """Return the times of the first and the last event, within the slider's readings."""
     edges_us = [int(part.t_us[k]) for part in recording.events() if len(part) for k in (0, -1)]
     slider_us = recording.slider.t_us

@@ -1,4 +1,4 @@
-"""`Recording`: the folder of one recording of a rig, virtual or real.
+"""`RigRecording`: the folder of one recording of a rig, virtual or real.
 
 It holds
 
@@ -73,7 +73,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Recording:
+class RigRecording:
     """A recording; its files are read when they are needed."""
 
     folder: Path
@@ -169,10 +169,10 @@ def write_frames_table(folder: Path, frames: list[Frame]) -> None:
     write_exposures(folder, (Exposure(*at, one) for at, one in zip(times, images, strict=True)))
 
 
-def open_recording(folder: Path) -> Recording:
+def open_rig_recording(folder: Path) -> RigRecording:
     """Open the folder of a recording."""
     if not folder.is_dir():
         raise RigError(f"{folder}: found no folder, expected that of a recording")
-    recording = Recording(folder)
+    recording = RigRecording(folder)
     _ = recording.settings, recording.page, recording.slider
     return recording

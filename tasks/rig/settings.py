@@ -130,7 +130,7 @@ class SliderSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraSettings:
+class RigCamera:
     """The intrinsics of the camera: in pixels, or as pixel pitch and focal length.
 
     Parameters
@@ -222,7 +222,7 @@ class RigSettings:
     """
 
     page: PageSettings
-    camera: CameraSettings | None = None
+    camera: RigCamera | None = None
     camera_file: str | None = None
     slider: SliderSettings | None = None
     mount: MountSettings = MountSettings()

@@ -21,7 +21,7 @@ from tasks.rig.page import (
     write_page,
     write_print,
 )
-from tasks.rig.settings import CameraSettings, PageSettings, RigSettings, SliderSettings, read_rig
+from tasks.rig.settings import PageSettings, RigCamera, RigSettings, SliderSettings, read_rig
 
 SMALL = PageSettings(
     width_m=0.12,
@@ -219,4 +219,4 @@ def test_layouts_without_room_are_refused():
             marker_pitch_m=0.011,
         )
     assert SliderSettings(travel_m=0.2, speeds_mps=(0.1,)).travel_m == 0.2
-    assert CameraSettings(width=64, height=48, fx=50.0).camera().cx == 32.0
+    assert RigCamera(width=64, height=48, fx=50.0).camera().cx == 32.0

@@ -28,7 +28,7 @@ from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import (
     compare,
     on_page,
-    read_calibration,
+    read_rig_calibration,
     read_truth,
     solve_recording,
     write_calibration,
@@ -49,7 +49,7 @@ from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
 from tasks.rig.places import Window
 from tasks.rig.prints import prints_of
-from tasks.rig.recording import open_recording
+from tasks.rig.recording import open_rig_recording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import Slider, read_slider, write_slider
 from tasks.rig.virtual import render_rig
@@ -101,7 +101,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recording(folder):
-    return open_recording(folder)
+    return open_rig_recording(folder)
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_integrated_events_measure_the_cutoff(recording):
 def test_images_of_events_begin_with_their_first_frame(recording):
     """Promise: where the first frame comes late, as many markers are found, at times after it:
     before it, its corners would be those of another time."""
-    late = open_recording(recording.folder)
+    late = open_rig_recording(recording.folder)
     vars(late)["frames"] = recording.frames[4:]
     found = detect(late, "ei", images=4)
     assert len(np.unique(found.t_us)) == 4
@@ -156,7 +156,7 @@ def test_images_of_events_begin_with_their_first_frame(recording):
 
 def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
     """Promise: no marker has a time at which the slider's position is unknown."""
-    short = open_recording(recording.folder)
+    short = open_rig_recording(recording.folder)
     inside = recording.slider.t_us > recording.frames[4].t_us
     vars(short)["slider"] = Slider(recording.slider.t_us[inside], recording.slider.x_m[inside])
     found = detect(short, "frame", images=10)
@@ -177,7 +177,7 @@ def test_blur_makes_the_latency_that_of_the_photoreceptor(folder, tmp_path):
         width=200, height=150, cutoff_hz=cutoff_hz, dark_level=1e-3 * light.white_level
     )
     simulate_sequence(light, model, copied / "events.h5")
-    slow = open_recording(copied)
+    slow = open_rig_recording(copied)
     delay_ms = 1e3 / (math.pi * cutoff_hz)
     unknowns = Unknowns(latency=True, corner_bias=True)
     sharp, blurred = (
@@ -199,7 +199,7 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     """Promise: without truth.json the calibration is the same, to the bit."""
     copied = tmp_path / "near"
     shutil.copytree(folder, copied, ignore=shutil.ignore_patterns("light", "scene", "truth.json"))
-    real = open_recording(copied)
+    real = open_rig_recording(copied)
     assert read_truth(real) is None
     found = detect(real, "frame", images=10)
     solved = solve_recording(real, found, Unknowns(corner_bias=True), 2.0)
@@ -214,7 +214,7 @@ def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, ere
     12 % of the change of the light stays unexplained."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     fitted = tmp_path / "fitted.toml"
     command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", fitted
     code, _, err = eres(*command)
@@ -238,10 +238,10 @@ def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
     shutil.copytree(folder, bare)
     table = bare / "frames.csv"
     table.write_text(table.read_text().replace("frames/", ""))
-    assert [one.file.name for one in open_recording(bare).frames] == [
+    assert [one.file.name for one in open_rig_recording(bare).frames] == [
         one.file.name for one in recording.frames
     ]
-    assert all(one.file.exists() for one in open_recording(bare).frames)
+    assert all(one.file.exists() for one in open_rig_recording(bare).frames)
 
 
 def test_a_calibration_is_of_its_camera(recording, frames_solved):
@@ -266,7 +266,7 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     nothing on it."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    calibration = read_calibration(file)
+    calibration = read_rig_calibration(file)
     assert calibration.of(recording) == frames_solved
     (out,) = crop([recording], calibration, tmp_path / "crops")
     cropped = read_crop(out)
@@ -329,7 +329,7 @@ def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(recording, frames_solve
     a lens too."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     facts = json.loads((out / "crop.json").read_text())
     (out / "crop.json").write_text(json.dumps(facts | {"lens": lens}))
     cropped, footage = read_crop(out), light_of_crop(out)
@@ -349,7 +349,7 @@ def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, 
     line."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     first_us = load_events(out / "events.h5").t_us[0]
     for until_us in (40.0, -300.0):
         readings = Slider(first_us + np.array([-500.0, until_us]), np.array([0.0, 0.01]))
@@ -363,7 +363,7 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     is refused before anything is written."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    calibration, out = read_calibration(file), tmp_path / "crops"
+    calibration, out = read_rig_calibration(file), tmp_path / "crops"
     (made,) = crop([recording], calibration, out)
     with pytest.raises(TaskError, match=r"crop.json: exists already"):
         crop([recording], calibration, out)
@@ -378,7 +378,7 @@ def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
     """Promise: crops of another call, which show another field, do not stay beside new ones."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    calibration, out = read_calibration(file), tmp_path / "crops"
+    calibration, out = read_rig_calibration(file), tmp_path / "crops"
     (made,) = crop([recording], calibration, out)
     shutil.copytree(made, out / "far")
     with pytest.raises(RigError, match=r"far: found the crop of another recording"):
@@ -391,7 +391,7 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     numbers, there and back; a recording that begins elsewhere shares the part that both pass."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     far = made.with_name("far")
     shutil.copytree(made, far)
     near = read_crop(made)
@@ -449,7 +449,7 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     there more places than the print has room for."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     with pytest.raises(
         RigError, match=r"pebbles: found 9 places with a window of 6 mm on the 30 mm"
     ):
@@ -494,7 +494,7 @@ def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_so
     """Promise: a method that estimates the delay runs on a crop, too."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    crop([recording], read_calibration(file), tmp_path / "crops")
+    crop([recording], read_rig_calibration(file), tmp_path / "crops")
     options = {"places": 3, "travel_m": 0.002, "flow": (), "video": ()}
     method = "photometric_tracking_with_delay"
     rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
@@ -508,7 +508,7 @@ def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, o
     write_calibration(file, [frames_solved])
     before = {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()}
     with pytest.raises(RigError, match=r"near: found a recording, expected another --out"):
-        crop([recording], read_calibration(file), recording.folder.parent, overwrite=overwrite)
+        crop([recording], read_rig_calibration(file), recording.folder.parent, overwrite=overwrite)
     assert {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()} == before
 
 
@@ -551,7 +551,7 @@ def test_rows_are_asked_for(recording, frames_solved, tmp_path):
     """Promise: an evaluation of nothing is an error, not an empty table."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    crop([recording], read_calibration(file), tmp_path / "crops")
+    crop([recording], read_rig_calibration(file), tmp_path / "crops")
     with pytest.raises(RigError, match="found nothing to score"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2, flow=(), video=(), tracking=()))
 
@@ -561,7 +561,7 @@ def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, t
     the first one's next window."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    crop([recording], read_calibration(file), tmp_path / "crops")
+    crop([recording], read_rig_calibration(file), tmp_path / "crops")
     options = {"places": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
     first, second = (
         evaluate_rig([tmp_path / "crops"], RigEvaluation(seed=k, **options)) for k in (0, 1)
@@ -796,29 +796,29 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     moved = [f"{int(line.split(',')[0]) + 10**7},{line.split(',')[1]}" for line in table[1:]]
     (late / "slider.csv").write_text("\n".join([table[0], *moved]) + "\n")
     with pytest.raises(RigError, match="the clocks disagree"):
-        detect(open_recording(late), "hf", images=4)
+        detect(open_rig_recording(late), "hf", images=4)
 
     unexposed = copy("unexposed")
     text = (unexposed / "frames.csv").read_text().replace("t_us_start,t_us_end", "t_us,other")
     (unexposed / "frames.csv").write_text(text)
     with pytest.raises(RigError, match="each frame needs the start and the end"):
-        detect(open_recording(unexposed), "frame", images=4)
+        detect(open_rig_recording(unexposed), "frame", images=4)
 
     another = copy("another")
     (another / "rig.toml").write_text(RIG.replace("width = 200", "width = 220"))
     with pytest.raises(RigError, match="found events of 200x150 px, expected 220x150"):
-        detect(open_recording(another), "hf", images=4)
+        detect(open_rig_recording(another), "hf", images=4)
     with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
-        detect(open_recording(another), "frame", images=4)
+        detect(open_rig_recording(another), "frame", images=4)
 
     loud = copy("loud")
     (loud / "events.h5").rename(loud / "events.H5")
-    assert open_recording(loud).events_file.name == "events.H5"
+    assert open_rig_recording(loud).events_file.name == "events.H5"
 
     eventless = copy("eventless")
     (eventless / "events.h5").unlink()
     with pytest.raises(RigError, match=r"found none, expected one file events\.\*"):
-        detect(open_recording(eventless), "hf", images=4)
+        detect(open_rig_recording(eventless), "hf", images=4)
 
     blind = copy("blind")
     empty = load_events(blind / "events.h5")
@@ -826,10 +826,10 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     (blind / "events.h5").unlink()
     write_events(blind / "events.h5", kept)
     with pytest.raises(RigError, match=r"found none of \d+ markers in 4 images"):
-        detect(open_recording(blind), "hf", images=4)
+        detect(open_rig_recording(blind), "hf", images=4)
 
     with pytest.raises(RigError, match="found no folder"):
-        open_recording(Path(tmp_path / "nowhere"))
+        open_rig_recording(Path(tmp_path / "nowhere"))
 
 
 def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp_path):
@@ -837,8 +837,8 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
     and a latency from motion in one direction: one line that names the recording."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
-    recording = open_recording(folder)
-    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    recording = open_rig_recording(folder)
+    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     cropped = read_crop(out)
     (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
     with pytest.raises(RigError, match=r"crop.json: lens: found .*expected a pinhole for tracking"):
@@ -871,7 +871,7 @@ def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_so
     text = file.read_text().replace('"width": 200', '"width": 346')
     file.write_text(text)
     with pytest.raises(RigError, match="found a camera of 346x150 px"):
-        read_calibration(file).of(recording)
+        read_rig_calibration(file).of(recording)
     file.write_text(text.replace(str(folder), "/elsewhere"))
     with pytest.raises(RigError, match="solve it too"):
-        read_calibration(file).of(recording)
+        read_rig_calibration(file).of(recording)
