@@ -1,15 +1,15 @@
 """The tasks and their methods: all other code reads them here.
 
-A new task needs a scorer and an entry in `TASKS`; a new method needs a function and a line in its
+A new task needs a scorer and an entry in `TASKS`; a new method needs a function and an entry in its
 task's `methods`. Places are strings, so that listing tasks and methods imports none of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
 from eres_render.errors import nearest
 from tasks.errors import TaskError
@@ -26,6 +26,73 @@ class ShareColumn:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """How long a method takes, in seconds of one core, to foretell the cost of a study.
+
+    Rough means over scenes and lights of the runs in docs/results, whose jobs list their times, on
+    two virtual servers: `python benchmarks/study_costs.py RUN STUDY`. Those of networks are of
+    `python benchmarks/bench_networks.py`.
+
+    Attributes
+    ----------
+    answer_s
+        Of one answer at 1280 px, for video one image; it is proportional to the number of pixels.
+    window_s
+        Of one window at 1280 px, for networks of video.
+    path_s, event_s
+        Of one path from the nearest of the study's starts: a fixed part, and one for each event.
+    """
+
+    answer_s: float = 0.0
+    window_s: float = 0.0
+    path_s: float = 0.0
+    event_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MethodSpec:
+    """One method of a task.
+
+    Attributes
+    ----------
+    place
+        Place of the function or class, "module:name".
+    label
+        Name in words, where it differs from the name without underscores.
+    version
+        Raise it when results change: studies then recompute the jobs that use the method.
+    role
+        A "baseline" does not use the events; a "diagnostic" gets the truth, and bounds what others
+        can reach.
+    ours
+        Whether this is our variant of a method of the paper.
+    network
+        Place of the function that reads a file of weights, for a method that needs one.
+    needs
+        "threshold": the contrast threshold; "light": the image at the start of each window;
+        "guess": a start near the answer, as it searches for the nearest minimum.
+    on_recordings
+        Whether it runs on a recording by default.
+    delay
+        Whether it estimates the delay of events, which needs events after the end of the path.
+    cost
+        How long it takes; None for the mean of the task's other methods.
+    """
+
+    place: str
+    label: str = ""
+    _: KW_ONLY
+    version: int = 1
+    role: Literal["baseline", "method", "diagnostic"] = "method"
+    ours: bool = False
+    network: str = ""
+    needs: tuple[Literal["threshold", "light", "guess"], ...] = ("threshold",)
+    on_recordings: bool = True
+    delay: bool = False
+    cost: Cost | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TaskSpec:
     """One task. A place is "module:name".
 
@@ -36,13 +103,11 @@ class TaskSpec:
     summary
         What is scored, for `eres evaluate --help`.
     methods
-        Places of the methods, by name.
+        The methods by name: each a `MethodSpec`, or its place alone.
     metric
         The metric of its scores.
     baseline
         Name of the method that does not use the events; others are compared with it.
-    other_baselines
-        Names of further methods that do not use the events.
     scorer
         Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
         `ReferenceFrames`, the sensor's `Setting` and the settings.
@@ -55,22 +120,10 @@ class TaskSpec:
         Whether the scene must be a plane.
     share_column
         How tables show failures. None where a method cannot fail.
-    extensions
-        Names of the methods that are our variants of the paper's.
-    networks
-        Places of the functions that read a file of weights, by the names of the methods that need
-        them.
-    diagnostics
-        Names of the methods that get the truth: they bound what others can reach.
-    without_threshold
-        Names of the methods that do not use the contrast threshold: for these alone, a recording
-        needs no estimate of it.
-    labels
-        Names of methods in words, where they differ from the name without underscores.
     """
 
     title: str
-    methods: Mapping[str, str]
+    methods: Mapping[str, MethodSpec | str]
     metric: Metric
     baseline: str
     scorer: str
@@ -78,26 +131,31 @@ class TaskSpec:
     sample: str | None = None
     planar_only: bool = False
     share_column: ShareColumn | None = None
-    other_baselines: tuple[str, ...] = ()
-    extensions: tuple[str, ...] = ()
-    networks: Mapping[str, str] = field(default_factory=dict)
-    diagnostics: tuple[str, ...] = ()
-    without_threshold: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
     summary: str = ""
+
+    def method(self, name: str) -> MethodSpec:
+        """Return what is known of a method; of a ``module:function``, that is its place."""
+        found = self.methods.get(name, name)
+        return MethodSpec(found) if isinstance(found, str) else found
 
     def label(self, method: str) -> str:
         """Return a method's name in words; a ``module:function`` stays as it is."""
         words = method if ":" in method else method.replace("_", " ")
-        return self.labels.get(method, words)
+        return self.method(method).label or words
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Names of the methods that need weights."""
+        return tuple(name for name in self.methods if self.method(name).network)
 
     def usual(self, with_weights: Collection[str] = ()) -> tuple[str, ...]:
         """Return the methods that run by default: no diagnostics, and networks only with weights.
 
         Networks whose weights come with eres run only if they are named or given other weights.
         """
-        absent = {*self.diagnostics, *self.networks} - {*with_weights}
-        return tuple(name for name in self.methods if name not in absent)
+        absent = {*self.networks} - {*with_weights}
+        listed = {name: self.method(name).role for name in self.methods if name not in absent}
+        return tuple(name for name, role in listed.items() if role != "diagnostic")
 
 
 _METHODS = "tasks.methods"
@@ -118,70 +176,126 @@ _TASKS = {
         title="reconstruction",
         summary="PSNR of the image at the end of the window",
         methods={
-            "event_integration": f"{_METHODS}.event_integration:reconstruct",
-            "event_integration_nearest": f"{_METHODS}.event_integration:reconstruct_nearest",
-            "event_integration_bilinear": f"{_METHODS}.event_integration:reconstruct_bilinear",
-            "no_events": f"{_METHODS}.no_events:reconstruct",
+            "event_integration": MethodSpec(f"{_METHODS}.event_integration:reconstruct"),
+            "event_integration_nearest": MethodSpec(
+                f"{_METHODS}.event_integration:reconstruct_nearest", ours=True
+            ),
+            "event_integration_bilinear": MethodSpec(
+                f"{_METHODS}.event_integration:reconstruct_bilinear", ours=True
+            ),
+            "no_events": MethodSpec(f"{_METHODS}.no_events:reconstruct", role="baseline", needs=()),
         },
         metric=_PSNR,
         baseline="no_events",
         scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
         settings=f"{_SETTINGS}:Reconstruction",
         sample="tasks.reconstruction:ReconstructionSample",
-        extensions=("event_integration_nearest", "event_integration_bilinear"),
-        without_threshold=("no_events",),
     ),
     "video": TaskSpec(
         title="video reconstruction",
         summary="PSNR of images along a continuous sequence",
         methods={
-            "high_pass_filter": f"{_METHODS}.high_pass_filter:HighPassFilter",
-            "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
-            "e2vid": f"{_METHODS}.e2vid:E2vid",
-            "our_reconstruction_ideal_light": f"{_METHODS}.our_reconstruction:OurReconstruction",
-            "our_reconstruction_all_light": f"{_METHODS}.our_reconstruction:OurReconstruction",
-            "late_truth": f"{_METHODS}.true_video:LateTruth",
-            "filtered_truth": f"{_METHODS}.true_video:FilteredTruth",
-            "blank": f"{_METHODS}.blank_video:BlankVideo",
+            "high_pass_filter": MethodSpec(
+                f"{_METHODS}.high_pass_filter:HighPassFilter",
+                "high-pass filter",
+                cost=Cost(answer_s=0.24),
+            ),
+            "high_pass_filter_no_event_decay": MethodSpec(
+                f"{_METHODS}.high_pass_filter:without_event_decay",
+                "high-pass filter without event decay",
+                ours=True,
+                cost=Cost(answer_s=0.24),
+            ),
+            "e2vid": MethodSpec(
+                f"{_METHODS}.e2vid:E2vid",
+                "E2VID",
+                version=2,
+                network=f"{_NETWORKS}.e2vid:load",
+                needs=(),
+                cost=Cost(window_s=9.1),
+            ),
+            "our_reconstruction_ideal_light": MethodSpec(
+                f"{_METHODS}.our_reconstruction:OurReconstruction",
+                "our network, ideal light",
+                version=2,
+                network=f"{_NETWORKS}.ours:reconstruction_ideal_light",
+                cost=Cost(window_s=2.9),
+            ),
+            "our_reconstruction_all_light": MethodSpec(
+                f"{_METHODS}.our_reconstruction:OurReconstruction",
+                "our network, all light",
+                version=2,
+                network=f"{_NETWORKS}.ours:reconstruction_all_light",
+                cost=Cost(window_s=2.9),
+            ),
+            "late_truth": MethodSpec(
+                f"{_METHODS}.true_video:LateTruth", role="diagnostic", needs=()
+            ),
+            "filtered_truth": MethodSpec(
+                f"{_METHODS}.true_video:FilteredTruth", role="diagnostic", needs=()
+            ),
+            "blank": MethodSpec(f"{_METHODS}.blank_video:BlankVideo", role="baseline", needs=()),
         },
         metric=_PSNR,
         baseline="blank",
         scorer=f"{_SCORERS}.video:VideoScorer",
         settings=f"{_SETTINGS}:Video",
-        extensions=("high_pass_filter_no_event_decay",),
-        networks={
-            "e2vid": f"{_NETWORKS}.e2vid:load",
-            "our_reconstruction_ideal_light": f"{_NETWORKS}.ours:reconstruction_ideal_light",
-            "our_reconstruction_all_light": f"{_NETWORKS}.ours:reconstruction_all_light",
-        },
-        diagnostics=("late_truth", "filtered_truth"),
-        without_threshold=("e2vid", "late_truth", "filtered_truth", "blank"),
-        labels={
-            "e2vid": "E2VID",
-            "our_reconstruction_ideal_light": "our network, ideal light",
-            "our_reconstruction_all_light": "our network, all light",
-            "high_pass_filter": "high-pass filter",
-            "high_pass_filter_no_event_decay": "high-pass filter without event decay",
-        },
     ),
     "flow": TaskSpec(
         title="optical flow",
         summary="end-point error of 20 patches",
         methods={
-            "photometric_flow": f"{_METHODS}.photometric_flow:estimate",
-            "photometric_flow_unknown_contrast": (
-                f"{_METHODS}.photometric_flow:estimate_unknown_contrast"
+            "photometric_flow": MethodSpec(
+                f"{_METHODS}.photometric_flow:estimate",
+                version=3,
+                needs=("threshold", "light", "guess"),
+                cost=Cost(answer_s=0.04),
             ),
-            "photometric_flow_by_descent": f"{_METHODS}.photometric_flow:estimate_by_descent",
-            "photometric_flow_with_delay": f"{_METHODS}.photometric_flow:estimate_with_delay",
-            "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
-            "contrast_maximization_by_gradient": (
-                f"{_METHODS}.contrast_maximization:estimate_by_gradient"
+            "photometric_flow_unknown_contrast": MethodSpec(
+                f"{_METHODS}.photometric_flow:estimate_unknown_contrast",
+                version=3,
+                ours=True,
+                needs=("light", "guess"),
+                cost=Cost(answer_s=0.015),
             ),
-            "contrast_maximization_by_plain_variance": (
-                f"{_METHODS}.contrast_maximization:estimate_by_plain_variance"
+            "photometric_flow_by_descent": MethodSpec(
+                f"{_METHODS}.photometric_flow:estimate_by_descent",
+                version=2,
+                ours=True,
+                needs=("light", "guess"),
+                cost=Cost(answer_s=0.05),
             ),
-            "initial_flow": f"{_METHODS}.initial_flow:estimate",
+            "photometric_flow_with_delay": MethodSpec(
+                f"{_METHODS}.photometric_flow:estimate_with_delay",
+                version=3,
+                ours=True,
+                needs=("threshold", "light", "guess"),
+                on_recordings=False,  # clocks and exposures hide the delay
+                cost=Cost(answer_s=0.03),
+            ),
+            "contrast_maximization": MethodSpec(
+                f"{_METHODS}.contrast_maximization:estimate",
+                version=2,
+                needs=(),
+                cost=Cost(answer_s=0.012),
+            ),
+            "contrast_maximization_by_gradient": MethodSpec(
+                f"{_METHODS}.contrast_maximization:estimate_by_gradient",
+                version=2,
+                ours=True,
+                needs=(),
+                cost=Cost(answer_s=0.017),
+            ),
+            "contrast_maximization_by_plain_variance": MethodSpec(
+                f"{_METHODS}.contrast_maximization:estimate_by_plain_variance",
+                version=2,
+                ours=True,
+                needs=(),
+                cost=Cost(answer_s=0.0035),
+            ),
+            "initial_flow": MethodSpec(
+                f"{_METHODS}.initial_flow:estimate", role="baseline", needs=()
+            ),
         },
         metric=_RNEPE,
         baseline="initial_flow",
@@ -189,26 +303,39 @@ _TASKS = {
         settings=f"{_SETTINGS}:Flow",
         sample="tasks.flow:FlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
-        extensions=(
-            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
-            "photometric_flow_with_delay",
-            *("contrast_maximization_by_gradient", "contrast_maximization_by_plain_variance"),
-        ),
-        without_threshold=(
-            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
-            *("contrast_maximization", "contrast_maximization_by_gradient"),
-            *("contrast_maximization_by_plain_variance", "initial_flow"),
-        ),
     ),
     "dense_flow": TaskSpec(
         title="dense optical flow",
         summary="end-point error of a flow of all pixels from two windows, at 20 features",
         methods={
-            "eraft": f"{_METHODS}.eraft:estimate",
-            "our_flow_ideal_light": f"{_METHODS}.eraft:estimate",
-            "our_flow_all_light": f"{_METHODS}.eraft:estimate",
-            "zero_flow": f"{_METHODS}.zero_flow:estimate",
-            "initial_flow": f"{_METHODS}.initial_flow:estimate_everywhere",
+            "eraft": MethodSpec(
+                f"{_METHODS}.eraft:estimate",
+                "E-RAFT",
+                network=f"{_NETWORKS}.eraft:load",
+                needs=(),
+                cost=Cost(answer_s=20.0),
+            ),
+            "our_flow_ideal_light": MethodSpec(
+                f"{_METHODS}.eraft:estimate",
+                "our network, ideal light",
+                network=f"{_NETWORKS}.ours:flow_ideal_light",
+                needs=(),
+                cost=Cost(answer_s=3.2),
+            ),
+            "our_flow_all_light": MethodSpec(
+                f"{_METHODS}.eraft:estimate",
+                "our network, all light",
+                network=f"{_NETWORKS}.ours:flow_all_light",
+                needs=(),
+                cost=Cost(answer_s=3.2),
+            ),
+            "zero_flow": MethodSpec(f"{_METHODS}.zero_flow:estimate", role="baseline", needs=()),
+            "initial_flow": MethodSpec(
+                f"{_METHODS}.initial_flow:estimate_everywhere",
+                role="baseline",
+                needs=(),
+                on_recordings=False,  # where it is zero_flow
+            ),
         },
         metric=_RNEPE,
         baseline="zero_flow",
@@ -216,27 +343,28 @@ _TASKS = {
         settings=f"{_SETTINGS}:DenseFlow",
         sample="tasks.dense_flow:DenseFlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
-        other_baselines=("initial_flow",),
-        networks={
-            "eraft": f"{_NETWORKS}.eraft:load",
-            "our_flow_ideal_light": f"{_NETWORKS}.ours:flow_ideal_light",
-            "our_flow_all_light": f"{_NETWORKS}.ours:flow_all_light",
-        },
-        labels={
-            "eraft": "E-RAFT",
-            "our_flow_ideal_light": "our network, ideal light",
-            "our_flow_all_light": "our network, all light",
-        },
     ),
     "tracking": TaskSpec(
         title="pose tracking",
         summary="position error over the first 14 ms, in planar scenes",
         methods={
-            "photometric_tracking": f"{_METHODS}.photometric_tracking:estimate",
-            "photometric_tracking_with_delay": (
-                f"{_METHODS}.photometric_tracking:estimate_with_delay"
+            "photometric_tracking": MethodSpec(
+                f"{_METHODS}.photometric_tracking:estimate",
+                version=2,
+                needs=("threshold", "light", "guess"),
+                cost=Cost(path_s=0.13, event_s=2.2e-6),
             ),
-            "initial_path": f"{_METHODS}.initial_path:estimate",
+            "photometric_tracking_with_delay": MethodSpec(
+                f"{_METHODS}.photometric_tracking:estimate_with_delay",
+                version=3,
+                ours=True,
+                needs=("threshold", "light", "guess"),
+                delay=True,
+                cost=Cost(path_s=0.21, event_s=3.9e-6),
+            ),
+            "initial_path": MethodSpec(
+                f"{_METHODS}.initial_path:estimate", role="baseline", needs=()
+            ),
         },
         metric=_POSITION_ERROR,
         baseline="initial_path",
@@ -245,7 +373,6 @@ _TASKS = {
         sample="tasks.tracking:TrackingSample",
         planar_only=True,
         share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
-        extensions=("photometric_tracking_with_delay",),
     ),
 }
 

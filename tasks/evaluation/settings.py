@@ -275,7 +275,7 @@ class Tracking(TaskSettings):
     @property
     def delay_us(self) -> int:
         """Largest delay that some of the methods estimate, which needs events after the path."""
-        estimated = any(name.endswith("_with_delay") for name in self.methods)
+        estimated = any(TASKS["tracking"].method(name).delay for name in self.methods)
         return self.max_delay_us if estimated else 0
 
     def score_s(self, width: int, height: int) -> float:

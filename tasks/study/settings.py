@@ -534,7 +534,7 @@ class Study:
             self._check_diagnostics(task, settings.methods)
 
     def _check_diagnostics(self, task: str, methods: tuple[str, ...]) -> None:
-        asked = [name for name in methods if name in TASKS[task].diagnostics]
+        asked = [name for name in methods if TASKS[task].method(name).role == "diagnostic"]
         models = [model for *_, model in self.simulate.models(self.render)] if asked else []
         for model in models:
             if found := unlike_two_poles(model):
