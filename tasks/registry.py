@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any, Literal
 
 from eres_render.errors import nearest
 from tasks.errors import TaskError
 from tasks.metric import Metric
+
+Need = Literal["threshold", "light", "guess"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,7 @@ class ShareColumn:
     of_successes: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Cost:
     """How long a method takes, in seconds of one core, to foretell the cost of a study.
 
@@ -80,13 +83,13 @@ class MethodSpec:
     """
 
     place: str
-    label: str = ""
     _: KW_ONLY
+    label: str = ""
     version: int = 1
     role: Literal["baseline", "method", "diagnostic"] = "method"
     ours: bool = False
     network: str = ""
-    needs: tuple[Literal["threshold", "light", "guess"], ...] = ("threshold",)
+    needs: tuple[Need, ...] = ("threshold",)
     on_recordings: bool = True
     delay: bool = False
     cost: Cost | None = None
@@ -158,10 +161,22 @@ class TaskSpec:
         return tuple(name for name, role in listed.items() if role != "diagnostic")
 
 
+class _Tasks(dict[str, TaskSpec]):
+    def __missing__(self, name: str) -> TaskSpec:
+        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
+
+
+TASKS = _Tasks()
+
 _METHODS = "tasks.methods"
+_CM = f"{_METHODS}.contrast_maximization"
+_EPF = f"{_METHODS}.photometric_flow"
+_EPPT = f"{_METHODS}.photometric_tracking"
+_HF = f"{_METHODS}.high_pass_filter"
+_NETWORKS = "tasks.learned"
+_OURS = f"{_NETWORKS}.ours"
 _SCORERS = "tasks.evaluation.scorers"
 _SETTINGS = "tasks.evaluation.settings"
-_NETWORKS = "tasks.learned"
 
 _PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
 _RNEPE = Metric(
@@ -171,218 +186,161 @@ _POSITION_ERROR = Metric(
     *("position_error_mm", "position error", "mm"), False, negligible=0.1, decimals=2, digits=3
 )
 
-_TASKS = {
-    "reconstruction": TaskSpec(
-        title="reconstruction",
-        summary="PSNR of the image at the end of the window",
-        methods={
-            "event_integration": MethodSpec(f"{_METHODS}.event_integration:reconstruct"),
-            "event_integration_nearest": MethodSpec(
-                f"{_METHODS}.event_integration:reconstruct_nearest", ours=True
-            ),
-            "event_integration_bilinear": MethodSpec(
-                f"{_METHODS}.event_integration:reconstruct_bilinear", ours=True
-            ),
-            "no_events": MethodSpec(f"{_METHODS}.no_events:reconstruct", role="baseline", needs=()),
-        },
-        metric=_PSNR,
-        baseline="no_events",
-        scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
-        settings=f"{_SETTINGS}:Reconstruction",
-        sample="tasks.reconstruction:ReconstructionSample",
-    ),
-    "video": TaskSpec(
-        title="video reconstruction",
-        summary="PSNR of images along a continuous sequence",
-        methods={
-            "high_pass_filter": MethodSpec(
-                f"{_METHODS}.high_pass_filter:HighPassFilter",
-                "high-pass filter",
-                cost=Cost(answer_s=0.24),
-            ),
-            "high_pass_filter_no_event_decay": MethodSpec(
-                f"{_METHODS}.high_pass_filter:without_event_decay",
-                "high-pass filter without event decay",
-                ours=True,
-                cost=Cost(answer_s=0.24),
-            ),
-            "e2vid": MethodSpec(
-                f"{_METHODS}.e2vid:E2vid",
-                "E2VID",
-                version=2,
-                network=f"{_NETWORKS}.e2vid:load",
-                needs=(),
-                cost=Cost(window_s=9.1),
-            ),
-            "our_reconstruction_ideal_light": MethodSpec(
-                f"{_METHODS}.our_reconstruction:OurReconstruction",
-                "our network, ideal light",
-                version=2,
-                network=f"{_NETWORKS}.ours:reconstruction_ideal_light",
-                cost=Cost(window_s=2.9),
-            ),
-            "our_reconstruction_all_light": MethodSpec(
-                f"{_METHODS}.our_reconstruction:OurReconstruction",
-                "our network, all light",
-                version=2,
-                network=f"{_NETWORKS}.ours:reconstruction_all_light",
-                cost=Cost(window_s=2.9),
-            ),
-            "late_truth": MethodSpec(
-                f"{_METHODS}.true_video:LateTruth", role="diagnostic", needs=()
-            ),
-            "filtered_truth": MethodSpec(
-                f"{_METHODS}.true_video:FilteredTruth", role="diagnostic", needs=()
-            ),
-            "blank": MethodSpec(f"{_METHODS}.blank_video:BlankVideo", role="baseline", needs=()),
-        },
-        metric=_PSNR,
-        baseline="blank",
-        scorer=f"{_SCORERS}.video:VideoScorer",
-        settings=f"{_SETTINGS}:Video",
-    ),
-    "flow": TaskSpec(
-        title="optical flow",
-        summary="end-point error of 20 patches",
-        methods={
-            "photometric_flow": MethodSpec(
-                f"{_METHODS}.photometric_flow:estimate",
-                version=3,
-                needs=("threshold", "light", "guess"),
-                cost=Cost(answer_s=0.04),
-            ),
-            "photometric_flow_unknown_contrast": MethodSpec(
-                f"{_METHODS}.photometric_flow:estimate_unknown_contrast",
-                version=3,
-                ours=True,
-                needs=("light", "guess"),
-                cost=Cost(answer_s=0.015),
-            ),
-            "photometric_flow_by_descent": MethodSpec(
-                f"{_METHODS}.photometric_flow:estimate_by_descent",
-                version=2,
-                ours=True,
-                needs=("light", "guess"),
-                cost=Cost(answer_s=0.05),
-            ),
-            "photometric_flow_with_delay": MethodSpec(
-                f"{_METHODS}.photometric_flow:estimate_with_delay",
-                version=3,
-                ours=True,
-                needs=("threshold", "light", "guess"),
-                on_recordings=False,  # clocks and exposures hide the delay
-                cost=Cost(answer_s=0.03),
-            ),
-            "contrast_maximization": MethodSpec(
-                f"{_METHODS}.contrast_maximization:estimate",
-                version=2,
-                needs=(),
-                cost=Cost(answer_s=0.012),
-            ),
-            "contrast_maximization_by_gradient": MethodSpec(
-                f"{_METHODS}.contrast_maximization:estimate_by_gradient",
-                version=2,
-                ours=True,
-                needs=(),
-                cost=Cost(answer_s=0.017),
-            ),
-            "contrast_maximization_by_plain_variance": MethodSpec(
-                f"{_METHODS}.contrast_maximization:estimate_by_plain_variance",
-                version=2,
-                ours=True,
-                needs=(),
-                cost=Cost(answer_s=0.0035),
-            ),
-            "initial_flow": MethodSpec(
-                f"{_METHODS}.initial_flow:estimate", role="baseline", needs=()
-            ),
-        },
-        metric=_RNEPE,
-        baseline="initial_flow",
-        scorer=f"{_SCORERS}.flow:FlowScorer",
-        settings=f"{_SETTINGS}:Flow",
-        sample="tasks.flow:FlowSample",
-        share_column=ShareColumn("fail", "share of features that failed"),
-    ),
-    "dense_flow": TaskSpec(
-        title="dense optical flow",
-        summary="end-point error of a flow of all pixels from two windows, at 20 features",
-        methods={
-            "eraft": MethodSpec(
-                f"{_METHODS}.eraft:estimate",
-                "E-RAFT",
-                network=f"{_NETWORKS}.eraft:load",
-                needs=(),
-                cost=Cost(answer_s=20.0),
-            ),
-            "our_flow_ideal_light": MethodSpec(
-                f"{_METHODS}.eraft:estimate",
-                "our network, ideal light",
-                network=f"{_NETWORKS}.ours:flow_ideal_light",
-                needs=(),
-                cost=Cost(answer_s=3.2),
-            ),
-            "our_flow_all_light": MethodSpec(
-                f"{_METHODS}.eraft:estimate",
-                "our network, all light",
-                network=f"{_NETWORKS}.ours:flow_all_light",
-                needs=(),
-                cost=Cost(answer_s=3.2),
-            ),
-            "zero_flow": MethodSpec(f"{_METHODS}.zero_flow:estimate", role="baseline", needs=()),
-            "initial_flow": MethodSpec(
-                f"{_METHODS}.initial_flow:estimate_everywhere",
-                role="baseline",
-                needs=(),
-                on_recordings=False,  # where it is zero_flow
-            ),
-        },
-        metric=_RNEPE,
-        baseline="zero_flow",
-        scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
-        settings=f"{_SETTINGS}:DenseFlow",
-        sample="tasks.dense_flow:DenseFlowSample",
-        share_column=ShareColumn("fail", "share of features that failed"),
-    ),
-    "tracking": TaskSpec(
-        title="pose tracking",
-        summary="position error over the first 14 ms, in planar scenes",
-        methods={
-            "photometric_tracking": MethodSpec(
-                f"{_METHODS}.photometric_tracking:estimate",
-                version=2,
-                needs=("threshold", "light", "guess"),
-                cost=Cost(path_s=0.13, event_s=2.2e-6),
-            ),
-            "photometric_tracking_with_delay": MethodSpec(
-                f"{_METHODS}.photometric_tracking:estimate_with_delay",
-                version=3,
-                ours=True,
-                needs=("threshold", "light", "guess"),
-                delay=True,
-                cost=Cost(path_s=0.21, event_s=3.9e-6),
-            ),
-            "initial_path": MethodSpec(
-                f"{_METHODS}.initial_path:estimate", role="baseline", needs=()
-            ),
-        },
-        metric=_POSITION_ERROR,
-        baseline="initial_path",
-        scorer=f"{_SCORERS}.tracking:TrackingScorer",
-        settings=f"{_SETTINGS}:Tracking",
-        sample="tasks.tracking:TrackingSample",
-        planar_only=True,
-        share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
-    ),
-}
+_NEAR: tuple[Need, ...] = ("light", "guess")
+_NEAR_C: tuple[Need, ...] = ("threshold", *_NEAR)
+_baseline = partial(MethodSpec, role="baseline", needs=(), cost=Cost())
+_diagnostic = partial(MethodSpec, role="diagnostic", needs=())
+_our_video = partial(
+    MethodSpec,
+    f"{_METHODS}.our_reconstruction:OurReconstruction",
+    version=2,
+    cost=Cost(window_s=2.9),
+)
+_dense = partial(MethodSpec, f"{_METHODS}.eraft:estimate", needs=())
 
-
-class _Tasks(dict[str, TaskSpec]):
-    def __missing__(self, name: str) -> TaskSpec:
-        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
-
-
-TASKS = _Tasks(_TASKS)
+TASKS["reconstruction"] = TaskSpec(
+    title="reconstruction",
+    summary="PSNR of the image at the end of the window",
+    methods={
+        "event_integration": MethodSpec(f"{_METHODS}.event_integration:reconstruct"),
+        "event_integration_nearest": MethodSpec(
+            f"{_METHODS}.event_integration:reconstruct_nearest", ours=True
+        ),
+        "event_integration_bilinear": MethodSpec(
+            f"{_METHODS}.event_integration:reconstruct_bilinear", ours=True
+        ),
+        "no_events": _baseline(f"{_METHODS}.no_events:reconstruct"),
+    },
+    metric=_PSNR,
+    baseline="no_events",
+    scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
+    settings=f"{_SETTINGS}:Reconstruction",
+    sample="tasks.reconstruction:ReconstructionSample",
+)
+TASKS["video"] = TaskSpec(
+    title="video reconstruction",
+    summary="PSNR of images along a continuous sequence",
+    methods={
+        "high_pass_filter": MethodSpec(
+            f"{_HF}:HighPassFilter", label="high-pass filter", cost=Cost(0.24)
+        ),
+        "high_pass_filter_no_event_decay": MethodSpec(
+            f"{_HF}:without_event_decay",
+            label="high-pass filter without event decay",
+            ours=True,
+            cost=Cost(0.24),
+        ),
+        "e2vid": MethodSpec(
+            f"{_METHODS}.e2vid:E2vid",
+            label="E2VID",
+            version=2,
+            network=f"{_NETWORKS}.e2vid:load",
+            needs=(),
+            cost=Cost(window_s=9.1),
+        ),
+        "our_reconstruction_ideal_light": _our_video(
+            label="our network, ideal light", network=f"{_OURS}:reconstruction_ideal_light"
+        ),
+        "our_reconstruction_all_light": _our_video(
+            label="our network, all light", network=f"{_OURS}:reconstruction_all_light"
+        ),
+        "late_truth": _diagnostic(f"{_METHODS}.true_video:LateTruth"),
+        "filtered_truth": _diagnostic(f"{_METHODS}.true_video:FilteredTruth"),
+        "blank": _baseline(f"{_METHODS}.blank_video:BlankVideo"),
+    },
+    metric=_PSNR,
+    baseline="blank",
+    scorer=f"{_SCORERS}.video:VideoScorer",
+    settings=f"{_SETTINGS}:Video",
+)
+TASKS["flow"] = TaskSpec(
+    title="optical flow",
+    summary="end-point error of 20 patches",
+    methods={
+        "photometric_flow": MethodSpec(
+            f"{_EPF}:estimate", version=3, needs=_NEAR_C, cost=Cost(0.04)
+        ),
+        "photometric_flow_unknown_contrast": MethodSpec(
+            f"{_EPF}:estimate_unknown_contrast", version=3, ours=True, needs=_NEAR, cost=Cost(0.015)
+        ),
+        "photometric_flow_by_descent": MethodSpec(
+            f"{_EPF}:estimate_by_descent", version=2, ours=True, needs=_NEAR, cost=Cost(0.05)
+        ),
+        "photometric_flow_with_delay": MethodSpec(
+            f"{_EPF}:estimate_with_delay",
+            version=3,
+            ours=True,
+            needs=_NEAR_C,
+            on_recordings=False,  # clocks and exposures hide the delay
+            delay=True,
+            cost=Cost(0.03),
+        ),
+        "contrast_maximization": MethodSpec(
+            f"{_CM}:estimate", version=2, needs=(), cost=Cost(0.012)
+        ),
+        "contrast_maximization_by_gradient": MethodSpec(
+            f"{_CM}:estimate_by_gradient", version=2, ours=True, needs=(), cost=Cost(0.017)
+        ),
+        "contrast_maximization_by_plain_variance": MethodSpec(
+            f"{_CM}:estimate_by_plain_variance", version=2, ours=True, needs=(), cost=Cost(0.0035)
+        ),
+        "initial_flow": _baseline(f"{_METHODS}.initial_flow:estimate"),
+    },
+    metric=_RNEPE,
+    baseline="initial_flow",
+    scorer=f"{_SCORERS}.flow:FlowScorer",
+    settings=f"{_SETTINGS}:Flow",
+    sample="tasks.flow:FlowSample",
+    share_column=ShareColumn("fail", "share of features that failed"),
+)
+TASKS["dense_flow"] = TaskSpec(
+    title="dense optical flow",
+    summary="end-point error of a flow of all pixels from two windows, at 20 features",
+    methods={
+        "eraft": _dense(label="E-RAFT", network=f"{_NETWORKS}.eraft:load", cost=Cost(20.0)),
+        "our_flow_ideal_light": _dense(
+            label="our network, ideal light", network=f"{_OURS}:flow_ideal_light", cost=Cost(3.2)
+        ),
+        "our_flow_all_light": _dense(
+            label="our network, all light", network=f"{_OURS}:flow_all_light", cost=Cost(3.2)
+        ),
+        "zero_flow": _baseline(f"{_METHODS}.zero_flow:estimate"),
+        "initial_flow": _baseline(  # on recordings, where nothing is known, it is zero_flow
+            f"{_METHODS}.initial_flow:estimate_everywhere", on_recordings=False
+        ),
+    },
+    metric=_RNEPE,
+    baseline="zero_flow",
+    scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
+    settings=f"{_SETTINGS}:DenseFlow",
+    sample="tasks.dense_flow:DenseFlowSample",
+    share_column=ShareColumn("fail", "share of features that failed"),
+)
+TASKS["tracking"] = TaskSpec(
+    title="pose tracking",
+    summary="position error over the first 14 ms, in planar scenes",
+    methods={
+        "photometric_tracking": MethodSpec(
+            f"{_EPPT}:estimate", version=2, needs=_NEAR_C, cost=Cost(path_s=0.13, event_s=2.2e-6)
+        ),
+        "photometric_tracking_with_delay": MethodSpec(
+            f"{_EPPT}:estimate_with_delay",
+            version=3,
+            ours=True,
+            needs=_NEAR_C,
+            delay=True,
+            cost=Cost(path_s=0.21, event_s=3.9e-6),
+        ),
+        "initial_path": _baseline(f"{_METHODS}.initial_path:estimate"),
+    },
+    metric=_POSITION_ERROR,
+    baseline="initial_path",
+    scorer=f"{_SCORERS}.tracking:TrackingScorer",
+    settings=f"{_SETTINGS}:Tracking",
+    sample="tasks.tracking:TrackingSample",
+    planar_only=True,
+    share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
+)
 
 
 def load(place: str) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from tasks.registry import TASKS, Cost
 
-_FARTHER = 2.0  # times as long, from the study's other starts
+FARTHER = 2.0
+"""Times as long as `Cost.path_s` that tracking takes from the study's other starts."""
 
 RECONSTRUCTION_S = 0.08
 """To make and score an image of event integration, compared at 1280 px."""
@@ -24,28 +25,11 @@ def share_of_1280(width: int, height: int) -> float:
     return width * height / 1280**2
 
 
-def _cost(task: str, method: str) -> Cost | None:
-    """Return the cost of a method; None if it is not known."""
-    found = TASKS[task].method(method)
-    return Cost() if found.role == "baseline" else found.cost
-
-
-def answer_s(task: str, method: str) -> float:
-    """Return the core seconds of one answer at 1280 px; if not known, the mean of the others."""
-    if (cost := _cost(task, method)) is not None:
-        return cost.answer_s
-    costs = (_cost(task, name) for name in TASKS[task].methods)
-    known = [cost.answer_s for cost in costs if cost and cost.answer_s]
-    return sum(known) / len(known)
-
-
-def window_s(method: str) -> float:
-    """Return the core seconds of a network for video in one window at 1280 px; 0 for others."""
-    cost = _cost("video", method)
-    return cost.window_s if cost else 0.0
-
-
-def paths_s(method: str, max_events: int, starts: int) -> float:
-    """Return the core seconds of one path from each start, at any width."""
-    cost = _cost("tracking", method) or _cost("tracking", "photometric_tracking") or Cost()
-    return (cost.path_s + cost.event_s * max_events) * (1 + _FARTHER * (starts - 1))
+def cost_of(task: str, method: str) -> Cost:
+    """Return the cost of a method; if it is not known, the mean answer of the task's others."""
+    spec = TASKS[task]
+    if (known := spec.method(method).cost) is not None:
+        return known
+    costs = [cost for name in spec.methods if (cost := spec.method(name).cost)]
+    answers_s = [cost.answer_s for cost in costs if cost.answer_s]
+    return Cost(sum(answers_s) / len(answers_s)) if answers_s else costs[0]

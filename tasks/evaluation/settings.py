@@ -13,12 +13,11 @@ from eres_render.storage.settings_reader import formerly
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.evaluation.costs import (
+    FARTHER,
     PICTURE_SCORE_S,
     RECONSTRUCTION_S,
-    answer_s,
-    paths_s,
+    cost_of,
     share_of_1280,
-    window_s,
 )
 from tasks.methods import check_method
 from tasks.methods.e2vid import WINDOW_US
@@ -196,7 +195,7 @@ class Flow(TaskSettings):
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
         patches = self.features * (1 + self.native_patch)
-        one_s = sum(answer_s("flow", method) for method in self.methods)
+        one_s = sum(cost_of("flow", method).answer_s for method in self.methods)
         return one_s * share_of_1280(width, width) * patches  # their sides follow the width
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -230,7 +229,7 @@ class DenseFlow(NetworkSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        one_s = sum(answer_s("dense_flow", method) for method in self.methods)
+        one_s = sum(cost_of("dense_flow", method).answer_s for method in self.methods)
         return one_s * share_of_1280(width, height)
 
 
@@ -280,8 +279,9 @@ class Tracking(TaskSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        starts = len(self.sigmas_mm)
-        return sum(paths_s(method, self.max_events, starts) for method in self.methods)
+        starts = 1 + FARTHER * (len(self.sigmas_mm) - 1)
+        costs = (cost_of("tracking", method) for method in self.methods)
+        return sum((cost.path_s + cost.event_s * self.max_events) * starts for cost in costs)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -350,11 +350,12 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        images_s = self.images * sum(answer_s("video", method) for method in self.methods)
+        costs = {method: cost_of("video", method) for method in self.methods}
+        images_s = self.images * sum(cost.answer_s for cost in costs.values())
         windows_s = 0.0
-        for method in self.methods:
+        for method, cost in costs.items():
             given_s = self.e2vid_window_s if method == "e2vid" else None
-            windows_s += window_s(method) * self.duration_s / (given_s or _WINDOW_S)
+            windows_s += cost.window_s * self.duration_s / (given_s or _WINDOW_S)
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
         return (images_s + windows_s) * share_of_1280(width, height) + pictures * PICTURE_SCORE_S
 
