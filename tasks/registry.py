@@ -146,6 +146,14 @@ class TaskSpec:
         words = method if ":" in method else method.replace("_", " ")
         return self.method(method).label or words
 
+    def cost(self, method: str) -> Cost:
+        """Return the cost of a method; if it is not known, the mean answer of the others."""
+        if (known := self.method(method).cost) is not None:
+            return known
+        costs = [cost for name in self.methods if (cost := self.method(name).cost)]
+        answers_s = [cost.answer_s for cost in costs if cost.answer_s]
+        return Cost(sum(answers_s) / len(answers_s)) if answers_s else costs[0]
+
     @property
     def networks(self) -> tuple[str, ...]:
         """Names of the methods that need weights."""
