@@ -1,6 +1,6 @@
 """Compare the estimate of a study's cost with the times of a finished run; list those of methods.
 
-The constants of `tasks.study.run.estimate` and `tasks.evaluation.costs` come from these tables.
+The constants of `tasks.study.run.estimate` and of methods' `Cost` come from these tables.
 Times are in core seconds: elapsed time counts once for each core. Stages overlap, so only their sum
 is exact, and scores take the time of their methods and of much else.
 
@@ -18,7 +18,7 @@ from functools import reduce
 from pathlib import Path
 
 from eres_render import load_scene
-from tasks.evaluation.costs import share_of_1280
+from tasks.evaluation.settings import share_of_1280
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_method

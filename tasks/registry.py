@@ -1,19 +1,22 @@
 """The tasks and their methods: all other code reads them here.
 
-A new task needs a scorer and an entry in `TASKS`; a new method needs a function and a line in its
+A new task needs a scorer and an entry in `TASKS`; a new method needs a function and an entry in its
 task's `methods`. Places are strings, so that listing tasks and methods imports none of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
 from eres_render.errors import nearest
 from tasks.errors import TaskError
 from tasks.metric import Metric
+
+Need = Literal["threshold", "light", "guess"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +26,73 @@ class ShareColumn:
     head: str
     meaning: str
     of_successes: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """How long a method takes, in seconds of one core, to foretell the cost of a study.
+
+    Rough means over scenes and lights of the runs in docs/results, whose jobs list their times, on
+    two virtual servers: `python benchmarks/study_costs.py RUN STUDY`. Those of networks are of
+    `python benchmarks/bench_networks.py`.
+
+    Attributes
+    ----------
+    answer_s
+        Of one answer at 1280 px, for video one image; it is proportional to the number of pixels.
+    window_s
+        Of one window at 1280 px, for networks of video.
+    path_s, event_s
+        Of one path from the nearest of the study's starts: a fixed part, and one for each event.
+    """
+
+    answer_s: float = 0.0
+    window_s: float = 0.0
+    path_s: float = 0.0
+    event_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MethodSpec:
+    """One method of a task.
+
+    Attributes
+    ----------
+    place
+        Place of the function or class, "module:name".
+    label
+        Name in words, where it differs from the name without underscores.
+    version
+        Raise it when results change: studies then recompute the jobs that use the method.
+    role
+        A "baseline" does not use the events; a "diagnostic" gets the truth, and bounds what others
+        can reach.
+    ours
+        Whether this is our variant of a method of the paper.
+    network
+        Place of the function that reads a file of weights, for a method that needs one.
+    needs
+        "threshold": the contrast threshold; "light": the image at the start of each window;
+        "guess": a start near the answer, as it searches for the nearest minimum.
+    on_recordings
+        Whether it runs on a recording by default.
+    delay
+        Whether it estimates the delay of events, which needs events after the end of the path.
+    cost
+        How long it takes; None for the mean of the task's other methods.
+    """
+
+    place: str
+    _: KW_ONLY
+    label: str = ""
+    version: int = 1
+    role: Literal["baseline", "method", "diagnostic"] = "method"
+    ours: bool = False
+    network: str = ""
+    needs: tuple[Need, ...] = ("threshold",)
+    on_recordings: bool = True
+    delay: bool = False
+    cost: Cost | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,13 +106,11 @@ class TaskSpec:
     summary
         What is scored, for `eres evaluate --help`.
     methods
-        Places of the methods, by name.
+        The methods by name: each a `MethodSpec`, or its place alone.
     metric
         The metric of its scores.
     baseline
         Name of the method that does not use the events; others are compared with it.
-    other_baselines
-        Names of further methods that do not use the events.
     scorer
         Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
         `ReferenceFrames`, the sensor's `Setting` and the settings.
@@ -55,22 +123,10 @@ class TaskSpec:
         Whether the scene must be a plane.
     share_column
         How tables show failures. None where a method cannot fail.
-    extensions
-        Names of the methods that are our variants of the paper's.
-    networks
-        Places of the functions that read a file of weights, by the names of the methods that need
-        them.
-    diagnostics
-        Names of the methods that get the truth: they bound what others can reach.
-    without_threshold
-        Names of the methods that do not use the contrast threshold: for these alone, a recording
-        needs no estimate of it.
-    labels
-        Names of methods in words, where they differ from the name without underscores.
     """
 
     title: str
-    methods: Mapping[str, str]
+    methods: Mapping[str, MethodSpec | str]
     metric: Metric
     baseline: str
     scorer: str
@@ -78,32 +134,57 @@ class TaskSpec:
     sample: str | None = None
     planar_only: bool = False
     share_column: ShareColumn | None = None
-    other_baselines: tuple[str, ...] = ()
-    extensions: tuple[str, ...] = ()
-    networks: Mapping[str, str] = field(default_factory=dict)
-    diagnostics: tuple[str, ...] = ()
-    without_threshold: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
     summary: str = ""
+
+    def method(self, name: str) -> MethodSpec:
+        """Return what is known of a method; of a ``module:function``, that is its place."""
+        found = self.methods.get(name, name)
+        return MethodSpec(found) if isinstance(found, str) else found
 
     def label(self, method: str) -> str:
         """Return a method's name in words; a ``module:function`` stays as it is."""
         words = method if ":" in method else method.replace("_", " ")
-        return self.labels.get(method, words)
+        return self.method(method).label or words
+
+    def cost(self, method: str) -> Cost:
+        """Return the cost of a method; if it is not known, the mean answer of the others."""
+        if (known := self.method(method).cost) is not None:
+            return known
+        costs = [cost for name in self.methods if (cost := self.method(name).cost)]
+        answers_s = [cost.answer_s for cost in costs if cost.answer_s]
+        return Cost(sum(answers_s) / len(answers_s)) if answers_s else costs[0]
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Names of the methods that need weights."""
+        return tuple(name for name in self.methods if self.method(name).network)
 
     def usual(self, with_weights: Collection[str] = ()) -> tuple[str, ...]:
         """Return the methods that run by default: no diagnostics, and networks only with weights.
 
         Networks whose weights come with eres run only if they are named or given other weights.
         """
-        absent = {*self.diagnostics, *self.networks} - {*with_weights}
-        return tuple(name for name in self.methods if name not in absent)
+        absent = {*self.networks} - {*with_weights}
+        listed = {name: self.method(name).role for name in self.methods if name not in absent}
+        return tuple(name for name, role in listed.items() if role != "diagnostic")
 
+
+class _Tasks(dict[str, TaskSpec]):
+    def __missing__(self, name: str) -> TaskSpec:
+        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
+
+
+TASKS = _Tasks()
 
 _METHODS = "tasks.methods"
+_CM = f"{_METHODS}.contrast_maximization"
+_EPF = f"{_METHODS}.photometric_flow"
+_EPPT = f"{_METHODS}.photometric_tracking"
+_HF = f"{_METHODS}.high_pass_filter"
+_NETWORKS = "tasks.learned"
+_OURS = f"{_NETWORKS}.ours"
 _SCORERS = "tasks.evaluation.scorers"
 _SETTINGS = "tasks.evaluation.settings"
-_NETWORKS = "tasks.learned"
 
 _PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
 _RNEPE = Metric(
@@ -113,149 +194,161 @@ _POSITION_ERROR = Metric(
     *("position_error_mm", "position error", "mm"), False, negligible=0.1, decimals=2, digits=3
 )
 
-_TASKS = {
-    "reconstruction": TaskSpec(
-        title="reconstruction",
-        summary="PSNR of the image at the end of the window",
-        methods={
-            "event_integration": f"{_METHODS}.event_integration:reconstruct",
-            "event_integration_nearest": f"{_METHODS}.event_integration:reconstruct_nearest",
-            "event_integration_bilinear": f"{_METHODS}.event_integration:reconstruct_bilinear",
-            "no_events": f"{_METHODS}.no_events:reconstruct",
-        },
-        metric=_PSNR,
-        baseline="no_events",
-        scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
-        settings=f"{_SETTINGS}:Reconstruction",
-        sample="tasks.reconstruction:ReconstructionSample",
-        extensions=("event_integration_nearest", "event_integration_bilinear"),
-        without_threshold=("no_events",),
-    ),
-    "video": TaskSpec(
-        title="video reconstruction",
-        summary="PSNR of images along a continuous sequence",
-        methods={
-            "high_pass_filter": f"{_METHODS}.high_pass_filter:HighPassFilter",
-            "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
-            "e2vid": f"{_METHODS}.e2vid:E2vid",
-            "our_reconstruction_ideal_light": f"{_METHODS}.our_reconstruction:OurReconstruction",
-            "our_reconstruction_all_light": f"{_METHODS}.our_reconstruction:OurReconstruction",
-            "late_truth": f"{_METHODS}.true_video:LateTruth",
-            "filtered_truth": f"{_METHODS}.true_video:FilteredTruth",
-            "blank": f"{_METHODS}.blank_video:BlankVideo",
-        },
-        metric=_PSNR,
-        baseline="blank",
-        scorer=f"{_SCORERS}.video:VideoScorer",
-        settings=f"{_SETTINGS}:Video",
-        extensions=("high_pass_filter_no_event_decay",),
-        networks={
-            "e2vid": f"{_NETWORKS}.e2vid:load",
-            "our_reconstruction_ideal_light": f"{_NETWORKS}.ours:reconstruction_ideal_light",
-            "our_reconstruction_all_light": f"{_NETWORKS}.ours:reconstruction_all_light",
-        },
-        diagnostics=("late_truth", "filtered_truth"),
-        without_threshold=("e2vid", "late_truth", "filtered_truth", "blank"),
-        labels={
-            "e2vid": "E2VID",
-            "our_reconstruction_ideal_light": "our network, ideal light",
-            "our_reconstruction_all_light": "our network, all light",
-            "high_pass_filter": "high-pass filter",
-            "high_pass_filter_no_event_decay": "high-pass filter without event decay",
-        },
-    ),
-    "flow": TaskSpec(
-        title="optical flow",
-        summary="end-point error of 20 patches",
-        methods={
-            "photometric_flow": f"{_METHODS}.photometric_flow:estimate",
-            "photometric_flow_unknown_contrast": (
-                f"{_METHODS}.photometric_flow:estimate_unknown_contrast"
-            ),
-            "photometric_flow_by_descent": f"{_METHODS}.photometric_flow:estimate_by_descent",
-            "photometric_flow_with_delay": f"{_METHODS}.photometric_flow:estimate_with_delay",
-            "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
-            "contrast_maximization_by_gradient": (
-                f"{_METHODS}.contrast_maximization:estimate_by_gradient"
-            ),
-            "contrast_maximization_by_plain_variance": (
-                f"{_METHODS}.contrast_maximization:estimate_by_plain_variance"
-            ),
-            "initial_flow": f"{_METHODS}.initial_flow:estimate",
-        },
-        metric=_RNEPE,
-        baseline="initial_flow",
-        scorer=f"{_SCORERS}.flow:FlowScorer",
-        settings=f"{_SETTINGS}:Flow",
-        sample="tasks.flow:FlowSample",
-        share_column=ShareColumn("fail", "share of features that failed"),
-        extensions=(
-            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
-            "photometric_flow_with_delay",
-            *("contrast_maximization_by_gradient", "contrast_maximization_by_plain_variance"),
+_NEAR: tuple[Need, ...] = ("light", "guess")
+_NEAR_C: tuple[Need, ...] = ("threshold", *_NEAR)
+_baseline = partial(MethodSpec, role="baseline", needs=(), cost=Cost())
+_diagnostic = partial(MethodSpec, role="diagnostic", needs=())
+_our_video = partial(
+    MethodSpec,
+    f"{_METHODS}.our_reconstruction:OurReconstruction",
+    version=2,
+    cost=Cost(window_s=2.9),
+)
+_dense = partial(MethodSpec, f"{_METHODS}.eraft:estimate", needs=())
+
+TASKS["reconstruction"] = TaskSpec(
+    title="reconstruction",
+    summary="PSNR of the image at the end of the window",
+    methods={
+        "event_integration": MethodSpec(f"{_METHODS}.event_integration:reconstruct"),
+        "event_integration_nearest": MethodSpec(
+            f"{_METHODS}.event_integration:reconstruct_nearest", ours=True
         ),
-        without_threshold=(
-            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
-            *("contrast_maximization", "contrast_maximization_by_gradient"),
-            *("contrast_maximization_by_plain_variance", "initial_flow"),
+        "event_integration_bilinear": MethodSpec(
+            f"{_METHODS}.event_integration:reconstruct_bilinear", ours=True
         ),
-    ),
-    "dense_flow": TaskSpec(
-        title="dense optical flow",
-        summary="end-point error of a flow of all pixels from two windows, at 20 features",
-        methods={
-            "eraft": f"{_METHODS}.eraft:estimate",
-            "our_flow_ideal_light": f"{_METHODS}.eraft:estimate",
-            "our_flow_all_light": f"{_METHODS}.eraft:estimate",
-            "zero_flow": f"{_METHODS}.zero_flow:estimate",
-            "initial_flow": f"{_METHODS}.initial_flow:estimate_everywhere",
-        },
-        metric=_RNEPE,
-        baseline="zero_flow",
-        scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
-        settings=f"{_SETTINGS}:DenseFlow",
-        sample="tasks.dense_flow:DenseFlowSample",
-        share_column=ShareColumn("fail", "share of features that failed"),
-        other_baselines=("initial_flow",),
-        networks={
-            "eraft": f"{_NETWORKS}.eraft:load",
-            "our_flow_ideal_light": f"{_NETWORKS}.ours:flow_ideal_light",
-            "our_flow_all_light": f"{_NETWORKS}.ours:flow_all_light",
-        },
-        labels={
-            "eraft": "E-RAFT",
-            "our_flow_ideal_light": "our network, ideal light",
-            "our_flow_all_light": "our network, all light",
-        },
-    ),
-    "tracking": TaskSpec(
-        title="pose tracking",
-        summary="position error over the first 14 ms, in planar scenes",
-        methods={
-            "photometric_tracking": f"{_METHODS}.photometric_tracking:estimate",
-            "photometric_tracking_with_delay": (
-                f"{_METHODS}.photometric_tracking:estimate_with_delay"
-            ),
-            "initial_path": f"{_METHODS}.initial_path:estimate",
-        },
-        metric=_POSITION_ERROR,
-        baseline="initial_path",
-        scorer=f"{_SCORERS}.tracking:TrackingScorer",
-        settings=f"{_SETTINGS}:Tracking",
-        sample="tasks.tracking:TrackingSample",
-        planar_only=True,
-        share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
-        extensions=("photometric_tracking_with_delay",),
-    ),
-}
-
-
-class _Tasks(dict[str, TaskSpec]):
-    def __missing__(self, name: str) -> TaskSpec:
-        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
-
-
-TASKS = _Tasks(_TASKS)
+        "no_events": _baseline(f"{_METHODS}.no_events:reconstruct"),
+    },
+    metric=_PSNR,
+    baseline="no_events",
+    scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
+    settings=f"{_SETTINGS}:Reconstruction",
+    sample="tasks.reconstruction:ReconstructionSample",
+)
+TASKS["video"] = TaskSpec(
+    title="video reconstruction",
+    summary="PSNR of images along a continuous sequence",
+    methods={
+        "high_pass_filter": MethodSpec(
+            f"{_HF}:HighPassFilter", label="high-pass filter", cost=Cost(0.24)
+        ),
+        "high_pass_filter_no_event_decay": MethodSpec(
+            f"{_HF}:without_event_decay",
+            label="high-pass filter without event decay",
+            ours=True,
+            cost=Cost(0.24),
+        ),
+        "e2vid": MethodSpec(
+            f"{_METHODS}.e2vid:E2vid",
+            label="E2VID",
+            version=2,
+            network=f"{_NETWORKS}.e2vid:load",
+            needs=(),
+            cost=Cost(window_s=9.1),
+        ),
+        "our_reconstruction_ideal_light": _our_video(
+            label="our network, ideal light", network=f"{_OURS}:reconstruction_ideal_light"
+        ),
+        "our_reconstruction_all_light": _our_video(
+            label="our network, all light", network=f"{_OURS}:reconstruction_all_light"
+        ),
+        "late_truth": _diagnostic(f"{_METHODS}.true_video:LateTruth"),
+        "filtered_truth": _diagnostic(f"{_METHODS}.true_video:FilteredTruth"),
+        "blank": _baseline(f"{_METHODS}.blank_video:BlankVideo"),
+    },
+    metric=_PSNR,
+    baseline="blank",
+    scorer=f"{_SCORERS}.video:VideoScorer",
+    settings=f"{_SETTINGS}:Video",
+)
+TASKS["flow"] = TaskSpec(
+    title="optical flow",
+    summary="end-point error of 20 patches",
+    methods={
+        "photometric_flow": MethodSpec(
+            f"{_EPF}:estimate", version=3, needs=_NEAR_C, cost=Cost(0.04)
+        ),
+        "photometric_flow_unknown_contrast": MethodSpec(
+            f"{_EPF}:estimate_unknown_contrast", version=3, ours=True, needs=_NEAR, cost=Cost(0.015)
+        ),
+        "photometric_flow_by_descent": MethodSpec(
+            f"{_EPF}:estimate_by_descent", version=2, ours=True, needs=_NEAR, cost=Cost(0.05)
+        ),
+        "photometric_flow_with_delay": MethodSpec(
+            f"{_EPF}:estimate_with_delay",
+            version=3,
+            ours=True,
+            needs=_NEAR_C,
+            on_recordings=False,  # clocks and exposures hide the delay
+            delay=True,
+            cost=Cost(0.03),
+        ),
+        "contrast_maximization": MethodSpec(
+            f"{_CM}:estimate", version=2, needs=(), cost=Cost(0.012)
+        ),
+        "contrast_maximization_by_gradient": MethodSpec(
+            f"{_CM}:estimate_by_gradient", version=2, ours=True, needs=(), cost=Cost(0.017)
+        ),
+        "contrast_maximization_by_plain_variance": MethodSpec(
+            f"{_CM}:estimate_by_plain_variance", version=2, ours=True, needs=(), cost=Cost(0.0035)
+        ),
+        "initial_flow": _baseline(f"{_METHODS}.initial_flow:estimate"),
+    },
+    metric=_RNEPE,
+    baseline="initial_flow",
+    scorer=f"{_SCORERS}.flow:FlowScorer",
+    settings=f"{_SETTINGS}:Flow",
+    sample="tasks.flow:FlowSample",
+    share_column=ShareColumn("fail", "share of features that failed"),
+)
+TASKS["dense_flow"] = TaskSpec(
+    title="dense optical flow",
+    summary="end-point error of a flow of all pixels from two windows, at 20 features",
+    methods={
+        "eraft": _dense(label="E-RAFT", network=f"{_NETWORKS}.eraft:load", cost=Cost(20.0)),
+        "our_flow_ideal_light": _dense(
+            label="our network, ideal light", network=f"{_OURS}:flow_ideal_light", cost=Cost(3.2)
+        ),
+        "our_flow_all_light": _dense(
+            label="our network, all light", network=f"{_OURS}:flow_all_light", cost=Cost(3.2)
+        ),
+        "zero_flow": _baseline(f"{_METHODS}.zero_flow:estimate"),
+        "initial_flow": _baseline(  # on recordings, where nothing is known, it is zero_flow
+            f"{_METHODS}.initial_flow:estimate_everywhere", on_recordings=False
+        ),
+    },
+    metric=_RNEPE,
+    baseline="zero_flow",
+    scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
+    settings=f"{_SETTINGS}:DenseFlow",
+    sample="tasks.dense_flow:DenseFlowSample",
+    share_column=ShareColumn("fail", "share of features that failed"),
+)
+TASKS["tracking"] = TaskSpec(
+    title="pose tracking",
+    summary="position error over the first 14 ms, in planar scenes",
+    methods={
+        "photometric_tracking": MethodSpec(
+            f"{_EPPT}:estimate", version=2, needs=_NEAR_C, cost=Cost(path_s=0.13, event_s=2.2e-6)
+        ),
+        "photometric_tracking_with_delay": MethodSpec(
+            f"{_EPPT}:estimate_with_delay",
+            version=3,
+            ours=True,
+            needs=_NEAR_C,
+            delay=True,
+            cost=Cost(path_s=0.21, event_s=3.9e-6),
+        ),
+        "initial_path": _baseline(f"{_METHODS}.initial_path:estimate"),
+    },
+    metric=_POSITION_ERROR,
+    baseline="initial_path",
+    scorer=f"{_SCORERS}.tracking:TrackingScorer",
+    settings=f"{_SETTINGS}:Tracking",
+    sample="tasks.tracking:TrackingSample",
+    planar_only=True,
+    share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
+)
 
 
 def load(place: str) -> Any:

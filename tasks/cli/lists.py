@@ -151,9 +151,10 @@ def methods() -> None:
 
     table = Table("task", "method", "where", Column("note", no_wrap=True), box=None)
     for task, spec in TASKS.items():
-        for name, where in spec.methods.items():
-            note = "diagnostic" if name in spec.diagnostics else ""
-            if name in spec.networks:
+        for name in spec.methods:
+            method = spec.method(name)
+            note = "diagnostic" if method.role == "diagnostic" else ""
+            if method.network:
                 note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
-            table.add_row(task, name, where, note)
+            table.add_row(task, name, method.place, note)
     terminal.out.print(table, crop=False)

@@ -12,14 +12,6 @@ from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
 from sensor.model import SensorModel
 from tasks.errors import TaskError
-from tasks.evaluation.costs import (
-    PICTURE_SCORE_S,
-    RECONSTRUCTION_S,
-    answer_s,
-    paths_s,
-    share_of_1280,
-    window_s,
-)
 from tasks.methods import check_method
 from tasks.methods.e2vid import WINDOW_US
 from tasks.methods.networks import check_kept, network
@@ -33,6 +25,16 @@ Equalization = Literal["none", "global", "local", "clahe"]
 _MOST_IMAGES = 1_000_000  # that one stretch of video scores
 _WINDOW_S = 1e-6 * WINDOW_US
 """Default length of the windows of E2VID, seconds of the path."""
+
+# Core seconds, compared at 1280 px, as in `tasks.registry.Cost`.
+_RECONSTRUCTION_S = 0.08  # to make and score an image of event integration
+_PICTURE_SCORE_S = 0.03  # to equalize and score an image of a video
+_FARTHER = 2.0  # times as long as from the nearest of the study's starts, from each of the others
+
+
+def share_of_1280(width: int, height: int) -> float:
+    """Return the share of 1280 x 1280 px of a sensor, or of a patch: its side follows the width."""
+    return width * height / 1280**2
 
 
 def unlike_two_poles(model: SensorModel) -> str | None:
@@ -154,7 +156,7 @@ class Reconstruction(TaskSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        return RECONSTRUCTION_S * len(self.methods)
+        return _RECONSTRUCTION_S * len(self.methods)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +198,7 @@ class Flow(TaskSettings):
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
         patches = self.features * (1 + self.native_patch)
-        one_s = sum(answer_s("flow", method) for method in self.methods)
+        one_s = sum(TASKS["flow"].cost(method).answer_s for method in self.methods)
         return one_s * share_of_1280(width, width) * patches  # their sides follow the width
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -230,7 +232,7 @@ class DenseFlow(NetworkSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        one_s = sum(answer_s("dense_flow", method) for method in self.methods)
+        one_s = sum(TASKS["dense_flow"].cost(method).answer_s for method in self.methods)
         return one_s * share_of_1280(width, height)
 
 
@@ -275,13 +277,14 @@ class Tracking(TaskSettings):
     @property
     def delay_us(self) -> int:
         """Largest delay that some of the methods estimate, which needs events after the path."""
-        estimated = any(name.endswith("_with_delay") for name in self.methods)
+        estimated = any(TASKS["tracking"].method(name).delay for name in self.methods)
         return self.max_delay_us if estimated else 0
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        starts = len(self.sigmas_mm)
-        return sum(paths_s(method, self.max_events, starts) for method in self.methods)
+        starts = 1 + _FARTHER * (len(self.sigmas_mm) - 1)
+        costs = (TASKS["tracking"].cost(method) for method in self.methods)
+        return sum((cost.path_s + cost.event_s * self.max_events) * starts for cost in costs)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -350,13 +353,14 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        images_s = self.images * sum(answer_s("video", method) for method in self.methods)
+        costs = {method: TASKS["video"].cost(method) for method in self.methods}
+        images_s = self.images * sum(cost.answer_s for cost in costs.values())
         windows_s = 0.0
-        for method in self.methods:
+        for method, cost in costs.items():
             given_s = self.e2vid_window_s if method == "e2vid" else None
-            windows_s += window_s(method) * self.duration_s / (given_s or _WINDOW_S)
+            windows_s += cost.window_s * self.duration_s / (given_s or _WINDOW_S)
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
-        return (images_s + windows_s) * share_of_1280(width, height) + pictures * PICTURE_SCORE_S
+        return (images_s + windows_s) * share_of_1280(width, height) + pictures * _PICTURE_SCORE_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""

@@ -18,22 +18,6 @@ from tasks.errors import TaskError
 from tasks.methods.networks import digest_of, network, weights_of
 from tasks.registry import TASKS, load
 
-# Raise a method's number (1 by default) when its results change: studies then recompute the jobs
-# that use the method.
-METHOD_VERSIONS = {
-    "contrast_maximization": 2,
-    "contrast_maximization_by_gradient": 2,
-    "contrast_maximization_by_plain_variance": 2,
-    "e2vid": 2,
-    "our_reconstruction_all_light": 2,
-    "our_reconstruction_ideal_light": 2,
-    "photometric_flow": 3,
-    "photometric_flow_by_descent": 2,
-    "photometric_flow_unknown_contrast": 3,
-    "photometric_flow_with_delay": 3,
-    "photometric_tracking": 2,
-    "photometric_tracking_with_delay": 3,
-}
 _imported: dict[str, tuple[object, str]] = {}  # spec of the module and digest of the user's code
 
 
@@ -74,7 +58,7 @@ def load_method(
             f"{task}: no method {name!r}, {nearest(name, listed)} "
             "(the name of your own method is package.module:function)"
         )
-    module, _, function = listed.get(name, name).partition(":")
+    module, _, function = TASKS[task].method(name).place.partition(":")
     import_module = importlib.import_module if name in listed else import_own
     try:
         found = getattr(import_module(module), function, None)
@@ -197,7 +181,7 @@ def source_file(task: str, name: str) -> str | None:
     -------
     Path of the module that names the function, None if it is not loaded from a file.
     """
-    module = sys.modules.get(TASKS[task].methods.get(name, name).partition(":")[0])
+    module = sys.modules.get(TASKS[task].method(name).place.partition(":")[0])
     return getattr(module, "__file__", None)
 
 
@@ -243,15 +227,21 @@ def code_of_tasks(methods: Mapping[str, Iterable[str]]) -> dict[str, str]:
     places = []
     for task, names in methods.items():
         spec = TASKS[task]
-        listed = [spec.methods[name] for name in names if name in spec.methods]
+        listed = [spec.method(name).place for name in names if name in spec.methods]
         places += [spec.scorer, spec.settings, *listed]
     return {place: _digest_of_own(place) for place in places if not place.startswith("tasks.")}
+
+
+def versions() -> dict[str, int]:
+    """Return the numbers of our methods by name, without those of 1."""
+    listed = [(name, spec.method(name).version) for spec in TASKS.values() for name in spec.methods]
+    return dict(sorted(one for one in listed if one[1] > 1))  # of equal names, the highest
 
 
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
     """Identify the code of methods, and the weights of their networks, to detect changes.
 
-    Our methods have a number in `METHOD_VERSIONS` (1 by default); a user's method is identified by
+    Our methods have a number, the `version` of their `MethodSpec`; a user's method is identified by
     the SHA-256 of the file that its name gives, and of the one that defines it if that is another;
     weights by theirs.
 
@@ -266,12 +256,12 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     -------
     Number or digest by the method's name; methods with number 1 and no weights are left out.
     """
-    found = {}
+    found, numbers = {}, versions()
     for name in names:
         if ":" in name:
             found[name] = _digest_of_own(name)
-        elif name in METHOD_VERSIONS:
-            found[name] = str(METHOD_VERSIONS[name])
+        elif name in numbers:
+            found[name] = str(numbers[name])
         if file := weights_of(name, weights):
-            found[name] = f"{METHOD_VERSIONS.get(name, 1)} {digest_of(file)}"
+            found[name] = f"{numbers.get(name, 1)} {digest_of(file)}"
     return found

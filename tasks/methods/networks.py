@@ -32,7 +32,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
 
     Returns
     -------
-    What the place in the task's `networks` returns; the same object for the same file.
+    What the reader of the method's `MethodSpec` returns; the same object for the same file.
     """
     file = weights_of(name, weights)
     if file is None:
@@ -41,7 +41,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
             f"{name} under [weights] in the file of a study"
         )
     try:
-        return _loaded(TASKS[task].networks[name], *_version(file))
+        return _loaded(TASKS[task].method(name).network, *_version(file))
     except ImportError as error:
         raise WeightsError(
             f"{task}, method {name!r}: PyTorch cannot be imported ({error}); install the extra "

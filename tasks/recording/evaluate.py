@@ -14,7 +14,7 @@ from tasks.methods import check_method
 from tasks.methods.contrast_maximization import AT_BOUND, UNDETERMINED
 from tasks.recording.clock import on_one_clock
 from tasks.recording.dense_flow import score_dense_flow
-from tasks.recording.flow import LOCAL, score_flow
+from tasks.recording.flow import score_flow
 from tasks.recording.frames import Frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
@@ -33,9 +33,7 @@ from tasks.registry import TASKS
 _NEEDED = {  # data that a recording does not have, by task
     "tracking": "a plane, the poses and the camera, which a recording does not have",
 }
-_WITH_DELAY = "photometric_flow_with_delay"  # not by default: clocks and exposures hide the delay
 _FLOW = ("flow", "dense_flow")
-_FROM_ZERO = "initial_flow"  # not by default for dense flow: it is the same as zero_flow
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +121,7 @@ def evaluate_recording(
     if task == "dense_flow":
         found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
         return RecordingEvaluation(found, notes)
-    used = not {*names} <= {*TASKS[task].without_threshold}
+    used = any("threshold" in TASKS[task].method(name).needs for name in names)
     seen = frames if used else None
     thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
     if task == "flow":
@@ -172,13 +170,13 @@ def _methods(
     names = tuple(given) or spec.usual(weights or ())
     for name in names:
         check_method(task, name, weights, [recording.size])
-        if name in spec.diagnostics:
+        if spec.method(name).role == "diagnostic":
             raise TaskError(
                 f"{recording.path}: method {name!r} needs the true light, which a recording does "
                 "not have"
             )
     for name in given:
-        if frames is None and name in LOCAL:
+        if frames is None and "light" in spec.method(name).needs:
             raise TaskError(
                 f"{recording.path}: method {name!r} needs the image at the start of each window, "
                 "expected --frames"
@@ -191,10 +189,12 @@ def _methods(
             "our_flow_all_light, --weights eraft=FILE or --method package.module:function; "
             "--task flow needs none"
         )
-    left_out: tuple[str, ...] = LOCAL if frames is None else (_WITH_DELAY,)
-    if task == "dense_flow":
-        left_out = (_FROM_ZERO,)
-    return tuple(name for name in names if name not in left_out)
+    found = {name: spec.method(name) for name in names}
+    return tuple(
+        name
+        for name, method in found.items()
+        if method.on_recordings and (frames is not None or "light" not in method.needs)
+    )
 
 
 def _thresholds(

@@ -22,16 +22,9 @@ from tasks.recording.frames import Frames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.score import RecordingScore
+from tasks.registry import TASKS
 
-LOCAL = (
-    *("photometric_flow", "photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
-    "photometric_flow_with_delay",
-)
-"""Methods that search for the nearest minimum: they start from contrast maximization."""
-_BY_CONTRAST = (
-    *("contrast_maximization", "contrast_maximization_by_gradient"),
-    "contrast_maximization_by_plain_variance",
-)
+_BY_CONTRAST = "tasks.methods.contrast_maximization:"
 
 
 def score_flow(
@@ -70,8 +63,9 @@ def score_flow(
         The recording is shorter than a window, or has no corners to follow.
     """
     loaded = {name: load_method("flow", name) for name in methods}
-    for name in {*_BY_CONTRAST} & {*loaded}:
-        loaded[name] = partial(determined, loaded[name])
+    for name in methods:
+        if TASKS["flow"].method(name).place.startswith(_BY_CONTRAST):
+            loaded[name] = partial(determined, loaded[name])
     width, height = recording.size
     start = Start.of(options, contrast_threshold, width)
     log_image = np.full((height, width), np.nan)
@@ -97,10 +91,9 @@ def _answers(
     methods: Mapping[str, Callable[..., Any]], sample: FlowSample
 ) -> Iterator[tuple[str, FlowEstimate]]:
     """Yield the flow that each method finds."""
-    nearby = sample
-    if any(name in LOCAL for name in methods):
-        nearby = replace(sample, initial=estimate(off_grid(sample)).flow)
+    local = [name for name in methods if "guess" in TASKS["flow"].method(name).needs]
+    nearby = replace(sample, initial=estimate(off_grid(sample)).flow) if local else sample
     for name, method in methods.items():
-        given = nearby if name in LOCAL else sample
+        given = nearby if name in local else sample
         answer, _ = ask("flow", name, method, given)
         yield name, flow_answer("flow", name, answer, given.initial)

@@ -118,7 +118,7 @@ def write_video(
     """
     out = Path(out).resolve()
     check_method("video", options.method, weights, [recording.size])
-    if options.method in TASKS["video"].diagnostics:
+    if TASKS["video"].method(options.method).role == "diagnostic":
         raise TaskError(
             f"method: found {options.method!r}, which needs the true light, expected another: a "
             "recording does not have it"

@@ -205,7 +205,7 @@ def _check_tasks(study: Study) -> None:
 
 def _check_diagnostics(study: Study, task: str, methods: tuple[str, ...]) -> None:
     """Refuse oracles of two poles beside another photoreceptor."""
-    asked = [name for name in methods if name in TASKS[task].diagnostics]
+    asked = [name for name in methods if TASKS[task].method(name).role == "diagnostic"]
     models = [model for *_, model in study.simulate.models(study.render)] if asked else []
     for model in models:
         if found := unlike_two_poles(model):

@@ -13,14 +13,7 @@ from docs_page import follow
 from eres_render import load_scene, open_sequence
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.methods import (
-    METHOD_VERSIONS,
-    check_method,
-    code_of,
-    code_of_tasks,
-    load_method,
-    task_of,
-)
+from tasks.methods import check_method, code_of, code_of_tasks, load_method, task_of
 from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.config import Evaluate
@@ -172,7 +165,9 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     edit(file, "def estimate(sample): return 2\n")
     importlib.reload(sys.modules["edited_package"])
     assert code_of(["edited_package:estimate"]) != before
-    monkeypatch.setitem(METHOD_VERSIONS, "event_integration", 2)
+    listed = TASKS["reconstruction"].methods
+    raised = replace(listed["event_integration"], version=2)
+    monkeypatch.setitem(listed, "event_integration", raised)
     assert code_of(["event_integration"]) == {"event_integration": "2"}
 
 

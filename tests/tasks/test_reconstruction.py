@@ -93,7 +93,7 @@ def test_white_is_a_high_percentile():
 def test_methods_are_found_by_name():
     """Promise: every listed method loads; the error for an unknown one suggests the nearest."""
     for task, spec in TASKS.items():
-        without_weights = spec.methods.keys() - spec.networks.keys()
+        without_weights = spec.methods.keys() - {*spec.networks}
         assert all(callable(load_method(task, name)) for name in without_weights)
     with pytest.raises(TaskError, match="did you mean 'event_integration'"):
         load_method("reconstruction", "event_integratoin")

@@ -56,7 +56,8 @@ class VideoScorer:
 
     def _options(self, name: str, setting: Setting) -> dict[str, Any]:
         """Return the extra arguments of a method."""
-        if name in TASKS["video"].diagnostics:
+        method = TASKS["video"].method(name)
+        if method.role == "diagnostic":
             model = setting.model
             if found := unlike_two_poles(model):
                 raise TaskError(
@@ -68,7 +69,7 @@ class VideoScorer:
                 *(model.cutoff_hz, setting.speed, model.fill_factor),
             )
             return {"light": light}
-        if name not in TASKS["video"].networks:
+        if not method.network:
             return {}
         window_us = even_window_us(self._step_us)
         if name != "e2vid":

@@ -29,11 +29,10 @@ class Series(NamedTuple):
     @property
     def is_method(self) -> bool:
         """Whether this estimates from events: not a baseline, and nothing that gets the truth."""
-        spec = TASKS[self.task]
-        return self.method not in (*spec.other_baselines, *spec.diagnostics)
+        return TASKS[self.task].method(self.method).role == "method"
 
     @property
     def of_paper(self) -> bool:
         """Whether this is a method of the paper or of a user, not our variant of one."""
-        ours = self.variant or self.method in TASKS[self.task].extensions
+        ours = self.variant or TASKS[self.task].method(self.method).ours
         return not ours and self.is_method

@@ -19,7 +19,7 @@ from tasks import DISTRIBUTION
 from tasks.cluster import outcome
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.settings import check_methods
-from tasks.methods import METHOD_VERSIONS
+from tasks.methods import versions
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.estimate import estimate_job
@@ -89,7 +89,7 @@ def _order(queued: QueuedJob) -> bytes:
 
 
 def _versions() -> dict[str, Any]:
-    return {"eres": version(DISTRIBUTION), **STAGE_VERSIONS, **METHOD_VERSIONS}
+    return {"eres": version(DISTRIBUTION), **STAGE_VERSIONS, **versions()}
 
 
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
