@@ -86,7 +86,7 @@ def clips(
     *,
     every_s: float = 0.5,
     window_s: float = 0.05,
-    warmup_s: float = WARM_UP_S,
+    warm_up_s: float = WARM_UP_S,
     anchor_s: float = WARM_UP_S,
     samples: int | None = None,
 ) -> list[Clip]:
@@ -102,7 +102,7 @@ def clips(
         Time from one window to the next, s.
     window_s
         Length of a window, s.
-    warmup_s
+    warm_up_s
         Length of a warm-up; by default six time constants of a 50 Hz filter at twice the speed,
         `6 * 2 / (2 pi 50 Hz)`.
     anchor_s
@@ -131,9 +131,9 @@ def clips(
     (0.75, 0.8)
     """
     duration_s = _checked_duration_s(scene, duration_s)
-    if not every_s > 0 or not 0 < window_s <= 0.5 * every_s or not 0 <= warmup_s <= 0.5 * every_s:
+    if not every_s > 0 or not 0 < window_s <= 0.5 * every_s or not 0 <= warm_up_s <= 0.5 * every_s:
         raise RenderError(
-            f"window_s, warmup_s: found {window_s} and {warmup_s} s, expected each to fit into "
+            f"window_s, warm_up_s: found {window_s} and {warm_up_s} s, expected each to fit into "
             f"half of every_s = {every_s} s"
         )
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
@@ -154,11 +154,11 @@ def clips(
         raise RenderError(f"samples: found {samples}, expected 1 to {fitting}")
     starts_s = [(k + 0.5) * every_s for k in range(count)]
     end_s = scene.duration_s  # which the last clip may pass by a rounding error
-    is_anchored = warmup_s > anchor_s + _TIME_RESOLUTION_S
+    is_anchored = warm_up_s > anchor_s + _TIME_RESOLUTION_S
     return [
         Clip(
             k,
-            t_start_s=t - (warmup_s if is_anchored else min(warmup_s, anchor_s)),
+            t_start_s=t - (warm_up_s if is_anchored else min(warm_up_s, anchor_s)),
             t_window_start_s=t,
             t_window_end_s=min(t + window_s, end_s),
             t_anchor_s=t - anchor_s if is_anchored else None,

@@ -282,7 +282,7 @@ def render_scene(
     samples: int | None = None,
     continuous: bool = False,
     camera: Camera | None = None,
-    warmup_s: float | None = None,
+    warm_up_s: float | None = None,
     on_progress: Progress = silent,
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
@@ -307,7 +307,7 @@ def render_scene(
     continuous
         Render everything from the path's start to `duration_s` into `out_dir/continuous`, instead
         of clips. Memory does not grow with the number of frames.
-    warmup_s
+    warm_up_s
         Length of each clip before its window, s; that of `clips` by default.
     on_progress
         Called while light is baked, and as the frames of each sequence are done.
@@ -334,11 +334,11 @@ def render_scene(
     if continuous:
         if samples is not None:
             raise RenderError(f"samples: found {samples}, but a continuous sequence has no clips")
-        if warmup_s is not None:
-            raise RenderError(f"warmup: found {warmup_s}, but a continuous sequence has no clips")
+        if warm_up_s is not None:
+            raise RenderError(f"warm_up: found {warm_up_s}, but a continuous sequence has no clips")
         wanted = {"continuous": continuous_stretch(scene, duration_s)}
     else:
-        before = {} if warmup_s is None else {"warmup_s": warmup_s}
+        before = {} if warm_up_s is None else {"warm_up_s": warm_up_s}
         found = clips(scene, duration_s, samples=samples, **before)
         wanted = {f"clip_{c.index:03d}": c for c in found}
     warn_if_far_apart(scene.name, max_displacement_px)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional, Suppress, arg
+from tyro.conf import Fixed, OmitArgPrefixes, Positional, Suppress, arg
 
 from eres_render.sequence.clips import WARM_UP_S
 from sensor.cameras.files import UNLIMITED
@@ -41,9 +41,9 @@ class _AtEachCutoff(CameraOptions):
     ] = None
     threshold_deviation: float = 0.03
 
-    cutoff: Suppress[float | None] = None
-    lux: Suppress[float | None] = None
-    warm_up: Suppress[float | None] = None
+    cutoff: Suppress[Fixed[float | None]] = None
+    lux: Suppress[Fixed[float | None]] = None
+    warm_up: Suppress[Fixed[float | None]] = None
 
 
 _USUAL = _AtEachCutoff()
@@ -55,7 +55,7 @@ _OPTIONS = {
     "images_hz": "images",
     "max_displacement_px": "max_displacement",
     "truth_step_s": "truth",
-    "warm_up_s": "warmup",
+    "warm_up_s": "warm_up",
 }
 
 
@@ -67,7 +67,7 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
-    warmup: Annotated[float, arg(help_behavior_hint=f"(default: {WARM_UP_S:.3g})")] = WARM_UP_S,
+    warm_up: Annotated[float, arg(help_behavior_hint=f"(default: {WARM_UP_S:.3g})")] = WARM_UP_S,
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
@@ -96,7 +96,7 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time from one ground truth to the next, seconds.
-    warmup
+    warm_up
         How long the sensor sees the scene before a sequence starts, seconds: enough for 25 Hz. A
         slower cutoff needs 6 / (2 pi f) seconds.
     stereo
@@ -132,7 +132,7 @@ def dataset(
             spp=spp,
             max_displacement_px=max_displacement,
             truth_step_s=truth,
-            warm_up_s=warmup,
+            warm_up_s=warm_up,
         )
     except TaskError as error:
         name, colon, found = str(error).partition(":")

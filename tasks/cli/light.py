@@ -108,7 +108,7 @@ def render(
     trajectory: Path | None = None,
     integrator: Literal["baked", "baked-full", "path", "emission"] | None = None,
     seed: int = 0,
-    warmup: float | None = None,
+    warm_up: float | None = None,
     view: OmitArgPrefixes[View] = OF_THE_SCENE,
 ) -> None:
     """Render HDR frames along a camera path.
@@ -142,7 +142,7 @@ def render(
         nothing reflects light, baked if possible, else path.
     seed
         Seed of the pixel sampler, the same for every frame.
-    warmup
+    warm_up
         Length of a clip before its window, seconds; by default 0.0382, six time constants of a
         50 Hz filter at twice the speed. Dense flow needs 0.05 more. A longer one adds frames and
         changes none.
@@ -163,7 +163,7 @@ def render(
             max_displacement_px=max_displacement,
             samples=samples,
             continuous=continuous,
-            warmup_s=warmup,
+            warm_up_s=warm_up,
             on_progress=on_progress,
         )
     for sequence in sequences:

@@ -401,7 +401,7 @@ def check_tracked(
             )
 
 
-def check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Scene) -> None:
+def check_warm_up(stretches: Sequence[tuple[Render, Simulate, float]], scene: Scene) -> None:
     """Refuse a warm-up longer than the time between samples; name values that suit all tasks."""
     needs_s = [simulate.longest_warm_up_s + before_s for _, simulate, before_s in stretches]
     if not stretches or max(needs_s) <= 0.5 * stretches[0][0].every_s:

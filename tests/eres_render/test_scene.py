@@ -131,7 +131,7 @@ def test_a_telephoto_camera_renders_given_poses_from_afar(tmp_path):
     poses[:, :3, 3] = [(0.0, 0.0, 4.6), (0.1, 0.0, 4.6)]
     scene = load_scene(edit_scene(tmp_path / "mine"), path_through(np.array([0.0, 0.5]), poses))
     assert scene.trajectory(Camera(64, 64, np.deg2rad(30))).duration_s == scene.duration_s == 0.5
-    assert len(clips(scene, every_s=0.2, warmup_s=0.0)) == 2
+    assert len(clips(scene, every_s=0.2, warm_up_s=0.0)) == 2
 
 
 def test_a_made_path_that_cannot_be_names_its_field(tmp_path):
@@ -193,7 +193,7 @@ def test_clips_are_twenty_half_a_second_apart_each_warmed_up():
 def test_no_clip_ends_after_the_path(every_s, window_s):
     """Promise: sums of times that are no binary fractions do not pass the end by a rounding."""
     scene = load_scene("carpet")
-    made = clips(scene, every_s=every_s, window_s=window_s, warmup_s=0.02)
+    made = clips(scene, every_s=every_s, window_s=window_s, warm_up_s=0.02)
     assert made[-1].t_window_end_s == pytest.approx(10.0, abs=every_s)
     assert max(clip.t_window_end_s for clip in made) <= scene.duration_s
 
@@ -202,7 +202,7 @@ def test_clips_that_do_not_fit_are_refused():
     scene = load_scene("carpet")
     assert len(clips(scene, 1.3)) == 3
     assert clips(scene, samples=2) == clips(scene)[:2]
-    assert clips(scene, warmup_s=0.19)[0].t_start_s > 0
+    assert clips(scene, warm_up_s=0.19)[0].t_start_s > 0
     with pytest.raises(RenderError, match="duration_s: found 11, expected"):
         clips(scene, 11)
     with pytest.raises(RenderError, match="samples: found 4, expected 1 to 3"):
@@ -210,11 +210,11 @@ def test_clips_that_do_not_fit_are_refused():
     with pytest.raises(RenderError, match="no clip fits"):
         clips(scene, 0.2)
     with pytest.raises(RenderError, match=r"found 10 s .* are the times of the poses in seconds\?"):
-        clips(scene, every_s=1e-6, window_s=1e-7, warmup_s=0.0)
+        clips(scene, every_s=1e-6, window_s=1e-7, warm_up_s=0.0)
     with pytest.raises(
         RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"
     ):
-        clips(scene, warmup_s=0.3)
+        clips(scene, warm_up_s=0.3)
 
 
 @pytest.mark.parametrize(

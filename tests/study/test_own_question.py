@@ -318,7 +318,7 @@ def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
         jobs_of(read(tmp_path, own, QUIET), load_scene("carpet"))
 
 
-def test_the_warmup_is_that_of_the_sensors(tmp_path) -> None:
+def test_the_warm_up_is_that_of_the_sensors(tmp_path) -> None:
     """Promise: the light of plain sensors does not count where there are none: at 1 lux they have
     3 Hz, but a camera of 1 kHz at 100 lux has 10 Hz."""
     (tmp_path / "fast.toml").write_text(

@@ -106,7 +106,7 @@ def test_sensors_of_one_width_are_scored_with_their_own_frames(studies):
 def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):
     """Promise: on the frames of `eres render`, whose warm-up may be longer than a setting needs."""
     render = {"resolution": 64, "spp": 1, "samples": 1}
-    (clip,) = render_scene(load_scene("carpet"), tmp_path, warmup_s=0.2, **render)
+    (clip,) = render_scene(load_scene("carpet"), tmp_path, warm_up_s=0.2, **render)
     methods = "event_integration", "no_events"
     asked = [
         row
@@ -131,7 +131,7 @@ def test_a_camera_loses_the_share_that_its_bus_reports(tmp_path):
     simulate = replace(ALONE, widths=(), sensors=(camera,), warm_up_s=0.0, bus_mev_s=12.0)
     rows = [row for row in rows_of(simulate).values() if row.task == "reconstruction"]
     (clip,) = render_scene(
-        load_scene("carpet"), tmp_path, resolution=64, spp=1, samples=1, warmup_s=0.0
+        load_scene("carpet"), tmp_path, resolution=64, spp=1, samples=1, warm_up_s=0.0
     )
     model = camera.model(white=clip.white_level)
     options = SimulationOptions(readout=camera.bus)

@@ -48,16 +48,16 @@ def band_limited(seed, size, shift):
 
 
 @cache
-def translating_texture(seed=3, cutoff_hz=math.inf, warmup_s=0.0):
+def translating_texture(seed=3, cutoff_hz=math.inf, warm_up_s=0.0):
     """Return events of a texture that moves by FLOW in a 50 ms window, and its image at the
     start."""
-    t_s = np.linspace(-warmup_s, 0.05, 60 + round(1200 * warmup_s))
+    t_s = np.linspace(-warm_up_s, 0.05, 60 + round(1200 * warm_up_s))
     frames = np.exp(np.stack([band_limited(seed, SIZE, FLOW * t / 0.05) for t in t_s]))
     model = SensorModel(
         width=SIZE, height=SIZE, contrast_threshold=C, dark_level=0.0, cutoff_hz=cutoff_hz
     )
-    events = simulate(frames, t_s + warmup_s, model)
-    start_us = round(warmup_s * 1e6)
+    events = simulate(frames, t_s + warm_up_s, model)
+    start_us = round(warm_up_s * 1e6)
     events = replace(events, t_us=events.t_us - start_us).between(0, 50_000)
     return events, band_limited(seed, SIZE, np.zeros(2))
 
@@ -87,7 +87,7 @@ def samples(translating, count, sigma_px, seed=0):
         )
 
 
-@pytest.mark.parametrize("warmup_s", [0.0, 0.01])
+@pytest.mark.parametrize("warm_up_s", [0.0, 0.01])
 @pytest.mark.parametrize(
     ("estimate", "bound_px"),
     [
@@ -99,14 +99,14 @@ def samples(translating, count, sigma_px, seed=0):
         (partial(contrast_maximization.estimate, objective="gradient"), 0.2),
     ],
 )
-def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px, warmup_s):
+def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px, warm_up_s):
     """Physics: for noise-free events of a pure translation the answer is known.
 
     The pixels' memories start at the texture's first image, or have moved on from there. A search
     that starts more than two sigma off may end in another minimum; it then scores its start.
     """
     sigma_px = 3 * WIDTH / 1280
-    moving = translating_texture(warmup_s=warmup_s) if warmup_s else translating
+    moving = translating_texture(warm_up_s=warm_up_s) if warm_up_s else translating
     errors, starts = [], []
     for sample in samples(moving, 30, sigma_px):
         answer = estimate(sample)
@@ -122,7 +122,7 @@ def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
     flow."""
     cutoff_hz = 200.0
     delay = 2 / (2 * math.pi * cutoff_hz) / 0.05  # windows
-    moving = translating_texture(cutoff_hz=cutoff_hz, warmup_s=0.01)
+    moving = translating_texture(cutoff_hz=cutoff_hz, warm_up_s=0.01)
     without, with_delay, delays = [], [], []
     for sample in samples(moving, 20, 3 * WIDTH / 1280):
         answer = photometric_flow.estimate_with_delay(sample)
@@ -142,7 +142,7 @@ def test_a_search_on_blurred_events_goes_on_to_the_minimum():
     A sensor that is much slower than its texture contradicts the image everywhere: the cost is
     rough, and Levenberg-Marquardt takes many small steps.
     """
-    moving = translating_texture(cutoff_hz=25.0, warmup_s=0.04)
+    moving = translating_texture(cutoff_hz=25.0, warm_up_s=0.04)
     around = [np.array([x, y, 0.0, 0.0]) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
     minima = 0
     for sample in samples(moving, 30, 3 * WIDTH / 1280):

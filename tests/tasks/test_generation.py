@@ -211,10 +211,10 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--truth", 1e-7], "truth: found 1e-07, expected at least a microsecond"),
         (["--max-displacement", 0], "max_displacement: found 0.0, expected a positive number"),
         (
-            ["--images", 1, "--seconds", 0.002, "--warmup", 0],
+            ["--images", 1, "--seconds", 0.002, "--warm-up", 0],
             "exposure: found 0.005, expected at most 0.002 s",
         ),
-        (["--cutoffs", 20], "warmup: found 0.038198, expected at least 0.047747 s for 20 Hz"),
+        (["--cutoffs", 20], "warm_up: found 0.038198, expected at least 0.047747 s for 20 Hz"),
     ],
 )
 def test_senseless_options_are_refused(tmp_path, eres, options, found):

@@ -326,7 +326,7 @@ def test_flow_is_read_between_the_centers_of_pixels():
 def test_dense_flow_on_a_clip(small_carpet, tmp_path):
     """Promise: the error of zero flow is the motion; a clip that begins too late is refused."""
     options = {"resolution": 64, "spp": 4, "samples": 1, "max_displacement_px": 1.0}
-    (clip,) = render_scene(small_carpet, tmp_path / "long", warmup_s=0.06, **options)
+    (clip,) = render_scene(small_carpet, tmp_path / "long", warm_up_s=0.06, **options)
     rows = evaluate_sequence(clip, "dense_flow", camera=64)
     by_method = {
         name: [r.value for r in rows if r.method == name] for name in TASKS["dense_flow"].methods
@@ -335,7 +335,7 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
     assert len(by_method["zero_flow"]) == len(by_method["initial_flow"]) == 20
     assert np.median(by_method["zero_flow"]) > 3 * np.median(by_method["initial_flow"]) > 1
     (short,) = render_scene(small_carpet, tmp_path / "short", **options)
-    with pytest.raises(TaskError, match=r"one window earlier .* with a longer --warmup"):
+    with pytest.raises(TaskError, match=r"one window earlier .* with a longer --warm-up"):
         evaluate_sequence(short, "dense_flow", camera=64)
     # Frames that end before the path of tracking, or before events that are late, are refused too.
     with pytest.raises(TaskError, match=r"12\.5 ms of frames .* expected 14 ms for the path"):

@@ -37,7 +37,7 @@ class DenseFlowScorer:
             raise TaskError(
                 f"dense_flow: found frames from {first_us * 1e-6 * setting.speed:g} s on, expected "
                 f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
-                "render the clip with a longer --warmup"
+                "render the clip with a longer --warm-up"
             )
         size = setting.model.width, setting.model.height
         self._features = reference.features(task.features, task.seed).at(*size)

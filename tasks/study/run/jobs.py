@@ -162,7 +162,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         render, simulate, _ = _on(stretches, study)
         rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
         rules.check_buses(simulate, render)  # speeds in m/s are factors only now
-    rules.check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
+    rules.check_warm_up([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
         for stretches in sorted(planned)
@@ -273,7 +273,7 @@ def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: fl
         scene,
         every_s=render.every_s,
         window_s=render.window_s,
-        warmup_s=simulate.longest_warm_up_s + before_s,
+        warm_up_s=simulate.longest_warm_up_s + before_s,
         anchor_s=simulate.warm_up_s + before_s,
     )
     count = len(fitting) if render.samples is None else render.samples
