@@ -44,8 +44,11 @@ class TaskSpec:
     other_baselines
         Names of further methods that do not use the events.
     scorer
-        Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
-        `ReferenceFrames`, the sensor's `Setting` and the settings.
+        Place of the class that turns events into scores: a `Scorer`, made from a `Source` and the
+        settings.
+    needs
+        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", what an
+        event is worth between two frames. Recordings have the latter two estimated.
     settings
         Place of the class of its settings: `TaskSettings`, or a class derived from it.
     sample
@@ -74,6 +77,7 @@ class TaskSpec:
     metric: Metric
     baseline: str
     scorer: str
+    needs: tuple[str, ...] = ()
     settings: str = "tasks.evaluation.settings:TaskSettings"
     sample: str | None = None
     planar_only: bool = False
@@ -126,6 +130,7 @@ _TASKS = {
         metric=_PSNR,
         baseline="no_events",
         scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
+        needs=("frames", "a change"),
         settings=f"{_SETTINGS}:Reconstruction",
         sample="tasks.reconstruction:ReconstructionSample",
         extensions=("event_integration_nearest", "event_integration_bilinear"),
@@ -147,6 +152,7 @@ _TASKS = {
         metric=_PSNR,
         baseline="blank",
         scorer=f"{_SCORERS}.video:VideoScorer",
+        needs=("frames", "a threshold"),
         settings=f"{_SETTINGS}:Video",
         extensions=("high_pass_filter_no_event_decay",),
         networks={
@@ -186,6 +192,7 @@ _TASKS = {
         metric=_RNEPE,
         baseline="initial_flow",
         scorer=f"{_SCORERS}.flow:FlowScorer",
+        needs=("a threshold",),
         settings=f"{_SETTINGS}:Flow",
         sample="tasks.flow:FlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
@@ -241,6 +248,7 @@ _TASKS = {
         metric=_POSITION_ERROR,
         baseline="initial_path",
         scorer=f"{_SCORERS}.tracking:TrackingScorer",
+        needs=("poses", "a plane", "a threshold"),
         settings=f"{_SETTINGS}:Tracking",
         sample="tasks.tracking:TrackingSample",
         planar_only=True,
