@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +18,28 @@ from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import DenseFlow, Flow, Tracking, Video, unlike_two_poles
-from tasks.evaluation.source import FlowPoints, Images, Window, true_points
+from tasks.evaluation.source import FlowPoints, Images, Source, Window, true_points
 from tasks.methods.true_video import TrueLight
 from tasks.tracking import KNOT_INTERVAL_S, PATH_S, path_at
 
 Float64 = NDArray[np.float64]
 
 
-class RenderedClip:
+class RenderedClip(Source):
     """A sensor on rendered frames; frames, log images and ground truth are in `reference`."""
-
-    search_from: Literal["truth", "zero"] = "truth"
 
     def __init__(self, reference: ReferenceFrames, setting: Setting) -> None:
         self.reference, self.setting = reference, setting
         self.model, self.speed = setting.model, setting.speed
-        self.size = self.model.width, self.model.height
-        self.contrast_threshold = self.model.contrast_threshold
         self.window = Window(setting.start_us, setting.end_us)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.model.width, self.model.height
+
+    @property
+    def contrast_threshold(self) -> float:
+        return self.model.contrast_threshold
 
     @property
     def log_image(self) -> Float64:

@@ -93,10 +93,10 @@ class Changes(Protocol):
         """Return the sums, (h, w)."""
 
 
-class Source(Protocol):
+class Source:
     """Events in a window, and what is known of the scene behind them.
 
-    A scorer asks only for what its task lists in `TaskSpec.needs`.
+    A scorer asks only for what its task lists in `TaskSpec.needs`; a source implements what it has.
 
     Attributes
     ----------
@@ -113,69 +113,87 @@ class Source(Protocol):
     """
 
     window: Window
-    size: tuple[int, int]
-    contrast_threshold: float
-    speed: float
-    search_from: Literal["truth", "zero"]
+    speed: float = 1.0
+    search_from: Literal["truth", "zero"] = "truth"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        raise NotImplementedError
+
+    @property
+    def contrast_threshold(self) -> float:
+        raise NotImplementedError
 
     @property
     def log_image(self) -> Float64:
         """(h, w) log light at the window's start on the sensor's grid, NaN if unknown."""
+        raise NotImplementedError
 
     @property
     def log_start(self) -> Float64:
         """(H, W) log light at the window's start, as images are compared."""
+        return self.log_image
 
     @property
     def log_end(self) -> Float64:
         """(H, W) log light at the window's end."""
+        raise NotImplementedError
 
     @property
     def log_white(self) -> float:
         """Log light of white."""
+        return 0.0
 
     @property
     def before_us(self) -> int:
         """Start of the window before, whose events the source has, too."""
+        return self.window.before_us
 
     @property
     def plane(self) -> Plane | None:
         """The plane that the camera sees."""
+        raise NotImplementedError
 
     @property
     def camera(self) -> Camera:
         """The camera, of the sensor's size."""
+        raise NotImplementedError
+
+    def parts(self) -> Iterator[Events]:
+        """Read the events, if they are stored."""
+        raise NotImplementedError
 
     def changes(self) -> Changes:
         """Return an empty sum of the window's events."""
+        raise NotImplementedError
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
         """Return the points at which flow is scored."""
+        raise NotImplementedError
 
     def images(self, task: Video) -> Images:
         """Return the images of a video that are scored."""
+        raise NotImplementedError
 
     def true_light(self, method: str) -> TrueLight:
         """Return the light behind the events, for diagnostics of video."""
+        raise TaskError(f"video: method {method!r} needs the light of a rendered sequence")
 
     def path(self, task: Tracking) -> Trajectory:
         """Return the true path from the window's start on."""
+        raise NotImplementedError
 
     def pose(self, t_s: Float64) -> Float64:
         """Return the (N, 4, 4) true poses, at seconds after the window's start."""
+        raise NotImplementedError
 
     def seeds(self, task: Tracking) -> tuple[int | list[int], int]:
         """Return the seeds of the initial path's errors and of the choice of pixels."""
+        raise NotImplementedError
 
     def columns(self, score: Score) -> dict[str, Any]:
-        """Return what the row of a score says of the source, with scene, sample and item."""
-
-
-class FileSource(Source, Protocol):
-    """A source whose events are stored."""
-
-    def parts(self) -> Iterator[Events]:
-        """Read the events."""
+        """Return what the row of a score says of the source: scene, cutoff, speed, sample, .."""
+        raise NotImplementedError
 
 
 def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]) -> FlowPoints:
@@ -231,7 +249,7 @@ def row_of(
     )
 
 
-def score_stored(task: str, source: FileSource, settings: TaskSettings) -> list[Row]:
+def score_stored(task: str, source: Source, settings: TaskSettings) -> list[Row]:
     """Score the methods of a task on stored events."""
     scorer, window = scorer_of(task, source, settings), source.window
     count = 0

@@ -37,7 +37,7 @@ from tasks.methods.eraft import estimate as estimate_eraft
 from tasks.methods.initial_flow import estimate_everywhere
 from tasks.methods.networks import named_weights, weights_of
 from tasks.methods.true_video import FilteredTruth, LateTruth, TrueLight
-from tasks.recording.images import network_options
+from tasks.recording.video import network_options
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_weights
 from tasks.study.run import run_study
