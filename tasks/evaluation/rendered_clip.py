@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera, Plane, Trajectory
-from sensor import Events
-from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
@@ -32,6 +30,7 @@ class RenderedClip(Source):
         self.reference, self.setting = reference, setting
         self.model, self.speed = setting.model, setting.speed
         self.window = Window(setting.start_us, setting.end_us)
+        self.off_weight = self.model.off_threshold / self.model.contrast_threshold
 
     @property
     def size(self) -> tuple[int, int]:
@@ -85,9 +84,6 @@ class RenderedClip(Source):
     def camera(self) -> Camera:
         camera = self.reference.camera(*self.size)
         return camera if self.setting.distance == 1.0 else camera.zoomed(self.setting.distance)
-
-    def changes(self) -> _Polarities:
-        return _Polarities(self.model, self.window)
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
         features = self.reference.features(task.features, task.seed).at(*self.size)
@@ -154,28 +150,6 @@ class RenderedClip(Source):
             "speed_m_s": setting.speed_m_s,
             "bus_mev_s": math.inf if readout is None else readout.max_rate_hz / 1e6,
         }
-
-
-class _Polarities:
-    """Sums of the window's polarities; OFF events count with their own threshold."""
-
-    def __init__(self, model: SensorModel, window: Window) -> None:
-        self._window = window
-        self._off_weight = model.off_threshold / model.contrast_threshold
-        size = model.height, model.width
-        self._sum = np.zeros(size, np.int64)
-        # Sum of OFF events; a single 0 if they count like ON events.
-        self._off_sum = np.zeros((1, 1) if self._off_weight == 1 else size, np.int64)
-
-    def push(self, events: Events) -> None:
-        window = events.between(self._window.start_us, self._window.end_us)
-        if len(window):
-            self._sum += window.polarity_sum()
-            if self._off_weight != 1:
-                self._off_sum += window.where(window.p < 0).polarity_sum()
-
-    def total(self) -> Float64:
-        return np.asarray(self._sum + (self._off_weight - 1) * self._off_sum)
 
 
 def _check_path(start_s: float, end_s: float, speed: float) -> None:

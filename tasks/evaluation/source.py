@@ -93,6 +93,26 @@ class Changes(Protocol):
         """Return the sums, (h, w)."""
 
 
+class Polarities:
+    """Sums of a window's polarities, in which OFF events have a weight."""
+
+    def __init__(self, size: tuple[int, int], window: Window, off_weight: float) -> None:
+        self._window, self._off_weight = window, off_weight
+        self._sum = np.zeros(size[::-1], np.int64)
+        # Sum of OFF events; a single 0 if they count like ON events.
+        self._off_sum = np.zeros((1, 1) if off_weight == 1 else size[::-1], np.int64)
+
+    def push(self, events: Events) -> None:
+        window = events.between(self._window.start_us, self._window.end_us)
+        if len(window):
+            self._sum += window.polarity_sum()
+            if self._off_weight != 1:
+                self._off_sum += window.where(window.p < 0).polarity_sum()
+
+    def total(self) -> Float64:
+        return np.asarray(self._sum + (self._off_weight - 1) * self._off_sum)
+
+
 class Source:
     """Events in a window, and what is known of the scene behind them.
 
@@ -110,11 +130,14 @@ class Source:
         Factor by which the scene is faster than its own time.
     search_from
         Whether searches start near the truth, or from zero.
+    off_weight
+        What an OFF event is worth, in units of the contrast threshold.
     """
 
     window: Window
     speed: float = 1.0
     search_from: Literal["truth", "zero"] = "truth"
+    off_weight: float = 1.0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -165,7 +188,7 @@ class Source:
 
     def changes(self) -> Changes:
         """Return an empty sum of the window's events."""
-        raise NotImplementedError
+        return Polarities(self.size, self.window, self.off_weight)
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
         """Return the points at which flow is scored."""
@@ -233,20 +256,19 @@ def row_of(
     task: str, source: Source, score: Score, event_rate_hz: float, dropped: float = 0.0
 ) -> Row:
     """Return a score as a row."""
-    columns = {"item": score.item, "sample": score.sample, **source.columns(score)}
-    return Row(
-        task=task,
-        method=score.method,
-        width=source.size[0],
-        contrast_threshold=source.contrast_threshold,
-        metric=score.metric or TASKS[task].metric.name,
-        value=score.value,
-        event_rate_hz=event_rate_hz,
-        variant=score.variant,
-        failure=score.failure,
-        dropped=dropped,
-        **columns,
-    )
+    values = {
+        "method": score.method,
+        "width": source.size[0],
+        "contrast_threshold": source.contrast_threshold,
+        "metric": score.metric or TASKS[task].metric.name,
+        "value": score.value,
+        "event_rate_hz": event_rate_hz,
+        "variant": score.variant,
+        "item": score.item,
+        "failure": score.failure,
+        "dropped": dropped,
+    }
+    return Row(task=task, **{**values, **source.columns(score)})
 
 
 def score_stored(task: str, source: Source, settings: TaskSettings) -> list[Row]:

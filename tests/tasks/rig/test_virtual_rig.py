@@ -20,6 +20,7 @@ from sensor.cameras import read_camera
 from sensor.formats import load_events, write_events
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
+from tasks.evaluation.scorers.base import Score
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
 from tasks.recording.frames import open_frames
@@ -37,13 +38,10 @@ from tasks.rig.crop import common_boxes, crop, homography, read_crop
 from tasks.rig.detect import _Integration, detect
 from tasks.rig.evaluate import (
     RigEvaluation,
-    _features,
-    _flow_rows,
     _load,
-    _row,
-    _tracking_rows,
     _windows,
     evaluate_rig,
+    rows_of,
 )
 from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
@@ -52,6 +50,7 @@ from tasks.rig.prints import prints_of
 from tasks.rig.recording import open_recording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import Slider, read_slider, write_slider
+from tasks.rig.source import CropSource
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -419,7 +418,7 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
         for window in found:
             at_m = on_page(one.pose, one.camera, middle_px, np.mean(window.x_m))[0] @ along
             assert at_m == pytest.approx(printed.places_m[window.place], abs=1e-5)
-            numbers, centers_px, _ = _features(one, window, 12)
+            numbers, centers_px, _ = CropSource(one, [window]).corners(12)
             seen_m = on_page(one.pose, one.camera, centers_px, window.x_m[0])
             assert len(numbers) > 3
             for number, at_m in zip(numbers.tolist(), seen_m, strict=True):
@@ -430,9 +429,10 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     # Whatever the strokes before, both begin with the same errors: pairs are of methods alone.
     late = [replace(one, visit=one.visit + 4) for one in found]
     settings = replace(settings, flow=("initial_flow",), tracking=("initial_path",))
-    for rows_of in (_flow_rows, _tracking_rows):
+    for task in ("flow", "tracking"):
+        tasks = {task: settings.tasks()[task]}
         first, second = (
-            [row.value for window in windows for row in rows_of(one, window, settings)]
+            [row.value for window in windows for row in rows_of(one, [window], tasks)]
             for windows in (found, late)
         )
         assert first == second != []
@@ -440,8 +440,9 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     crop_near = _load(made, near, printed, settings)
     scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
     window = Window(0, 0, 0, 10_000, (0.0, 0.002))
-    one, two = (_row(crop, window, "flow", "m", "v", 0.0) for crop in (crop_near, scaled))
-    assert (one.speed, two.speed) == (0.2, 0.4)
+    one, two = (CropSource(crop, [window]) for crop in (crop_near, scaled))
+    score = Score("m", 0.0)
+    assert (one.columns(score)["speed"], two.columns(score)["speed"]) == (0.2, 0.4)
 
 
 def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tmp_path):
