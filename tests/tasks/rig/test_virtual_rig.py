@@ -1,5 +1,6 @@
 """All steps on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
 
+import importlib
 import json
 import math
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from docs_page import BLOCK, DOCS
 from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
@@ -21,9 +23,11 @@ from sensor.formats import load_events, write_events
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
 from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.settings import TaskSettings
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
 from tasks.recording.frames import open_frames
+from tasks.registry import TASKS
 from tasks.rig import virtual
 from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import (
@@ -500,6 +504,39 @@ def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_so
     method = "photometric_tracking_with_delay"
     rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
     assert {row.method for row in rows} == {method}
+
+
+def test_your_own_task_is_scored_on_crops(recording, frames_solved, tmp_path, monkeypatch):
+    """Promise: the task of docs/methods.md runs on crops, next to the others: the rate of a window
+    is that of the crop's events in it. One that needs what a crop lacks is refused."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (made,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_rate", raising=False)
+    blocks = {name: text for _, name, text in BLOCK.findall((DOCS / "methods.md").read_text())}
+    (tmp_path / "my_rate.py").write_text(blocks["my_rate.py"])
+    try:
+        importlib.import_module("my_rate")
+        options = {"places": 3, "travel_m": 0.002, "video": (), "tracking": ()}
+        settings = RigEvaluation(flow=("initial_flow",), **options)
+        tasks = {"rate": TaskSettings(methods=("exact",))}
+        rows = evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+        rates = [row for row in rows if row.task == "rate"]
+        assert {row.task for row in rows} == {"flow", "rate"}
+        assert [row.sample for row in rates] == [0, 0, 1, 1, 2, 2]  # there and back
+        events = load_events(made / "events.h5")
+        for row in rates:
+            assert row.value == pytest.approx(1e-6 * row.event_rate_hz)
+            start_us = row.t_us - round(1e6 * 0.002 / 0.06)
+            count = len(events.between(start_us, row.t_us))
+            assert count / (row.t_us - start_us) == pytest.approx(row.value, rel=0.02)
+        TASKS["rate"] = replace(TASKS["rate"], needs=("poses", "sound"))
+        with pytest.raises(TaskError, match="event rate needs sound, which a crop does not have"):
+            evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+    finally:
+        TASKS.pop("rate", None)
+        sys.modules.pop("my_rate", None)
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
