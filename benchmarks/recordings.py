@@ -23,20 +23,20 @@ import numpy as np
 from process_times import times_now
 
 from sensor.events import concatenate
+from tasks.evaluation.settings import settings_of
 from tasks.events.reading import Reading
 from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import off_grid
 from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
-from tasks.recording.flow import score_flow
+from tasks.recording.evaluate import score_recording
 from tasks.recording.flow_windows import spread
 from tasks.recording.frames import Frames, open_frames
-from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
-from tasks.recording.threshold import fit_recording
+from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.tracks import track
 from tasks.recording.worth import worth_of_events
 
@@ -70,8 +70,13 @@ def measure_images(recording: Recording, frames: Frames) -> float:
     print(f"thresholds ON {found.on}, OFF {found.off}, from {found.events} events")
     worth, _ = worth_of_events(recording, frames)
     print(f"an ON event is worth {worth.on:.3f} between two frames, an OFF event {worth.off:.3f}")
-    scores = score_reconstruction(recording, frames, IMAGES, worth)
-    scores += score_video(recording, frames, VIDEO, found.values.mean)
+    scores = []
+    for task, names, thresholds in (
+        ("reconstruction", IMAGES, worth),
+        ("video", VIDEO, found.values),
+    ):
+        settings = settings_of(task, names)
+        scores += score_recording(recording, task, settings, frames, thresholds)
     for name in (*IMAGES, *VIDEO):
         values = [score.value for score in scores if score.method == name]
         print(f"{name:34}{' '.join(f'{value:6.2f}' for value in values[:12])}  dB")
@@ -81,7 +86,8 @@ def measure_images(recording: Recording, frames: Frames) -> float:
 def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:
     """Print the distance of flow from the tracks, px per frame."""
     start = times_now()
-    scores = score_flow(recording, frames, (*FLOW, "initial_flow"), C, options)
+    settings = settings_of("flow", (*FLOW, "initial_flow"))
+    scores = score_recording(recording, "flow", settings, frames, Thresholds(C, C), options)
     spent = times_now() - start
     for name in (*FLOW, "initial_flow"):
         values = np.array([score.value for score in scores if score.method == name])

@@ -112,8 +112,11 @@ class TaskSpec:
     baseline
         Name of the method that does not use the events; others are compared with it.
     scorer
-        Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
-        `ReferenceFrames`, the sensor's `Setting` and the settings.
+        Place of the class that turns events into scores: a `Scorer`, made from a `Source` and the
+        settings.
+    needs
+        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", what an
+        event is worth between two frames. Recordings have the latter two estimated.
     settings
         Place of the class of its settings: `TaskSettings`, or a class derived from it.
     sample
@@ -130,6 +133,7 @@ class TaskSpec:
     metric: Metric
     baseline: str
     scorer: str
+    needs: tuple[str, ...] = ()
     settings: str = "tasks.evaluation.settings:TaskSettings"
     sample: str | None = None
     planar_only: bool = False
@@ -222,6 +226,7 @@ TASKS["reconstruction"] = TaskSpec(
     metric=_PSNR,
     baseline="no_events",
     scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
+    needs=("frames", "a change"),
     settings=f"{_SETTINGS}:Reconstruction",
     sample="tasks.reconstruction:ReconstructionSample",
 )
@@ -259,6 +264,7 @@ TASKS["video"] = TaskSpec(
     metric=_PSNR,
     baseline="blank",
     scorer=f"{_SCORERS}.video:VideoScorer",
+    needs=("frames", "a threshold"),
     settings=f"{_SETTINGS}:Video",
 )
 TASKS["flow"] = TaskSpec(
@@ -297,6 +303,7 @@ TASKS["flow"] = TaskSpec(
     metric=_RNEPE,
     baseline="initial_flow",
     scorer=f"{_SCORERS}.flow:FlowScorer",
+    needs=("a threshold",),
     settings=f"{_SETTINGS}:Flow",
     sample="tasks.flow:FlowSample",
     share_column=ShareColumn("fail", "share of features that failed"),
@@ -344,6 +351,7 @@ TASKS["tracking"] = TaskSpec(
     metric=_POSITION_ERROR,
     baseline="initial_path",
     scorer=f"{_SCORERS}.tracking:TrackingScorer",
+    needs=("poses", "a plane", "a threshold"),
     settings=f"{_SETTINGS}:Tracking",
     sample="tasks.tracking:TrackingSample",
     planar_only=True,

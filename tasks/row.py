@@ -66,6 +66,7 @@ class Row:
     speed_m_s: float = 0.0  # mean speed of the camera; 0 if it is given as a factor
     bus_mev_s: float = math.inf  # capacity of the bus, million events per second; inf = no bus
     dropped: float = 0.0  # share of the window's events that the bus lost
+    t_us: int = 0  # end of a recording's window, or time of its image; 0 on rendered clips
 
     def __post_init__(self) -> None:
         # One comparison for the usual row: a run has a million.
@@ -92,7 +93,7 @@ _LATER = {  # older files lack these columns
     one.name: one.default
     for one in fields(Row)
     if one.name
-    in ("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped")
+    in ("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us")
 }
 
 

@@ -18,7 +18,6 @@ from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import NO_FRAMES, USUAL_FLOW, FlowOptions, FrameOptions
-from tasks.recording.score import RecordingScore
 from tasks.registry import TASKS
 from tasks.row import Row
 
@@ -137,21 +136,21 @@ def _evaluate_recording(
             weights=named_weights(weights, methods or TASKS[task].networks),
             on_progress=on_progress,
         )
-    _print_scores(found.scores, "method", "metric")
+    _print_scores(found.rows, "method", "metric")
     for note in found.notes:
         terminal.out.print(note, soft_wrap=True, highlight=False)
     terminal.out.print(f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording")
 
 
-def _print_scores(scores: Sequence[Row] | Sequence[RecordingScore], *fields: str) -> None:
-    """Print the median of each group of scores with equal fields."""
-    groups: dict[tuple[str, ...], list[Row | RecordingScore]] = {}
-    for score in scores:
-        groups.setdefault(tuple(getattr(score, field) for field in fields), []).append(score)
+def _print_scores(rows: Sequence[Row], *fields: str) -> None:
+    """Print the median of each group of rows with equal fields."""
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(getattr(row, field) for field in fields), []).append(row)
     heads = [Column(field, no_wrap=True) for field in fields[:-1]]
     table = Table(*heads, "median", "metric", "scores", "failed", box=None, pad_edge=False)
     for (*names, metric), scored in groups.items():
-        median = float(np.median([score.value for score in scored]))
-        failed = sum(bool(score.failure) for score in scored)
+        median = float(np.median([row.value for row in scored]))
+        failed = sum(bool(row.failure) for row in scored)
         table.add_row(*names, f"{median:.3f}", metric, str(len(scored)), str(failed))
     terminal.out.print(table, crop=False)

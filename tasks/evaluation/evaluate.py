@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,12 +17,13 @@ from sensor import Events, stream_bank
 from sensor.readout import Sender
 from tasks.evaluation.frames_ahead import frames_ahead
 from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import TaskSettings
+from tasks.evaluation.source import row_of, scorer_of
 from tasks.evaluation.stopwatch import Stopwatch
 from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
-from tasks.registry import TASKS, load
 from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
@@ -70,7 +70,7 @@ def evaluate(
         with stopwatch("scoring"):
             scores = _score(sensors, workers, on_progress)
     rows = [
-        _row(sequence, sensor, task, score)
+        row_of(task, sensor.source, score, sensor.event_rate_hz, sensor.dropped)
         for sensor, found in zip(sensors, scores, strict=True)
         for task, score in found
     ]
@@ -90,15 +90,14 @@ class _Sensor:
         watch: Watch | None,
     ) -> None:
         self.setting = setting
+        self.source = RenderedClip(reference, setting)
         self.fired = 0
         self._in_window = 0
         self._dropped = 0  # of the events in the window
         self._sender = None if setting.readout is None else Sender(setting.readout)
         self._watch = watch
         self._scorers: dict[str, Scorer] = {
-            name: load(TASKS[name].scorer)(reference, setting, task)
-            for name, task in tasks.items()
-            if task.methods
+            name: scorer_of(name, self.source, task) for name, task in tasks.items() if task.methods
         }
 
     @property
@@ -209,33 +208,6 @@ def _score(
         scores[i] = found
         on_progress("scoring", len(scores), len(sensors))
     return [scores[i] for i in range(len(sensors))]
-
-
-def _row(sequence: RadianceSequence, sensor: _Sensor, task: str, score: Score) -> Row:
-    setting = sensor.setting
-    model, readout = setting.model, setting.readout
-    return Row(
-        scene=sequence.manifest.scene,
-        task=task,
-        method=score.method,
-        width=model.width,
-        cutoff_hz=model.cutoff_hz,
-        contrast_threshold=model.contrast_threshold,
-        speed=setting.speed,
-        sample=sequence.manifest.clip if score.sample is None else score.sample,
-        metric=TASKS[task].metric.name,
-        value=score.value,
-        event_rate_hz=sensor.event_rate_hz,
-        variant=score.variant,
-        item=score.item,
-        failure=score.failure,
-        photoreceptor=model.photoreceptor,
-        sensor=setting.name,
-        illuminance_lux=setting.illuminance_lux,
-        speed_m_s=setting.speed_m_s,
-        bus_mev_s=math.inf if readout is None else readout.max_rate_hz / 1e6,
-        dropped=sensor.dropped,
-    )
 
 
 def _timings(

@@ -11,8 +11,9 @@ from sensor.cameras import EventCamera, plain_camera
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import settings_of
 from tasks.methods import check_method
-from tasks.registry import TASKS, load
+from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.warm_up import needed_s, warn_if_coarse, warn_if_short
 
@@ -79,8 +80,7 @@ def evaluate_sequence(
         )
     if spec.planar_only and (lens := sequence.camera.distortion) is not None:
         raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
-    options = {"weights": dict(weights)} if weights else {}
-    settings = load(spec.settings)(methods=names, **options)
+    settings = settings_of(task, names, weights)
     windows_before = max((one.windows_before for one in settings.plan()), default=0)
     truth = ground_truth(sequence)
     if isinstance(camera, int):

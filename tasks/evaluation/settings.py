@@ -367,6 +367,15 @@ class Video(NetworkSettings):
         return replace(self, methods=methods, run_in_s=0.0, duration_s=window_s, every_s=window_s)
 
 
+def settings_of(
+    task: str, methods: tuple[str, ...], weights: Mapping[str, str] | None = None
+) -> TaskSettings:
+    """Return the usual settings of a task, with methods and their weights."""
+    options = {"weights": dict(weights)} if weights else {}
+    settings: TaskSettings = load(TASKS[task].settings)(methods=methods, **options)
+    return settings
+
+
 class Evaluate(Mapping[str, TaskSettings]):
     """Settings of every task in the registry, by name. A task without methods is left out.
 

@@ -10,16 +10,16 @@ from dataclasses import dataclass, field
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
+from tasks.evaluation.settings import TaskSettings, settings_of
+from tasks.evaluation.source import check_needs, score_stored
 from tasks.methods import check_method
 from tasks.methods.contrast_maximization import AT_BOUND, UNDETERMINED
 from tasks.recording.clock import on_one_clock
-from tasks.recording.dense_flow import score_dense_flow
-from tasks.recording.flow import score_flow
+from tasks.recording.flow_windows import CONTRAST_GAIN
 from tasks.recording.frames import Frames
-from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
-from tasks.recording.score import CONTRAST_GAIN, RecordingScore
+from tasks.recording.source import sources
 from tasks.recording.threshold import (
     ANY_THRESHOLDS,
     Thresholds,
@@ -29,11 +29,9 @@ from tasks.recording.threshold import (
 from tasks.recording.window_length import with_motion
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
+from tasks.row import Row
 
-_NEEDED = {  # data that a recording does not have, by task
-    "tracking": "a plane, the poses and the camera, which a recording does not have",
-}
-_FLOW = ("flow", "dense_flow")
+_HAS = frozenset({"frames", "a threshold", "a change"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +40,14 @@ class RecordingEvaluation:
 
     Parameters
     ----------
-    scores
-        One for each method, window or image, and feature.
+    rows
+        One for each method, window or image, and feature: `scene` is the name of the file, `sample`
+        the window or image, `t_us` its time.
     notes
         Sentences about the frames, their clock and the thresholds.
     """
 
-    scores: list[RecordingScore]
+    rows: list[Row]
     notes: list[str] = field(default_factory=list)
 
 
@@ -71,7 +70,7 @@ def evaluate_recording(
     recording
         The events.
     task
-        "flow" or "dense_flow"; with frames also "reconstruction" and "video".
+        Name of a task that does without poses: "reconstruction" and "video" need frames.
     frames
         Frames of the same camera.
     methods
@@ -83,7 +82,7 @@ def evaluate_recording(
         C, log units; by default that of the file's sensor model, or fitted to the frames if a
         method uses it, or 0.2.
     flow
-        Windows and patches of flow.
+        Windows and patches, for tasks that are not scored against frames.
     weights
         Files of weights by the names of the methods that need them.
     on_progress
@@ -99,50 +98,86 @@ def evaluate_recording(
         The recording lacks data that the task or a method needs, a method does not exist, or frames
         and events do not fit.
     """
-    if task in _NEEDED:
-        raise TaskError(f"{recording.path}: {TASKS[task].title} needs {_NEEDED[task]}")
-    if frames is None and task not in _FLOW:
+    spec = TASKS[task]
+    check_needs(task, recording.path, "a recording", _HAS)
+    by_frames = "frames" in spec.needs
+    if frames is None and by_frames:
         raise TaskError(
-            f"{recording.path}: {TASKS[task].title} is scored against frames, expected --frames; "
+            f"{recording.path}: {spec.title} is scored against frames, expected --frames; "
             "`eres video` makes images without"
         )
-    if task not in _FLOW and flow != USUAL_FLOW:
+    if by_frames and flow != USUAL_FLOW:
         raise TaskError(
-            f"{recording.path}: found options of windows or patches for {TASKS[task].title}, "
+            f"{recording.path}: found options of windows or patches for {spec.title}, "
             "expected them only for flow"
         )
     names = _methods(recording, task, methods, frames, weights)
+    settings = settings_of(task, names, weights)
     notes: list[str] = []
     if frames is not None:
         frames = on_one_clock(recording, frames, shift_us, notes)
-    elif task in _FLOW:
-        before = task == "dense_flow"
+    elif not any(one.continuous_s for one in settings.plan()):
+        before = any(one.windows_before for one in settings.plan())
         flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
-    if task == "dense_flow":
-        found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
-        return RecordingEvaluation(found, notes)
-    used = any("threshold" in TASKS[task].method(name).needs for name in names)
+    used = any("threshold" in spec.method(name).needs for name in names)
     seen = frames if used else None
     thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
-    if task == "flow":
-        found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
-        notes += _failures(found)
-    elif frames is None:
-        raise AssertionError("images are scored against frames")
-    elif task == "video":
-        found = score_video(
-            recording, frames, names, thresholds.mean, weights=weights, on_progress=on_progress
+    rows = score_recording(recording, task, settings, frames, thresholds, flow, on_progress)
+    return RecordingEvaluation(rows, [*notes, *_failures(rows)])
+
+
+def score_recording(
+    recording: Recording,
+    task: str,
+    settings: TaskSettings,
+    frames: Frames | None,
+    thresholds: Thresholds,
+    flow: FlowOptions = USUAL_FLOW,
+    on_progress: Progress = silent,
+) -> list[Row]:
+    """Score the methods of a task, with frames on the clock of the events and known thresholds.
+
+    Parameters
+    ----------
+    recording
+        The events.
+    task, settings
+        Name of the task, and its settings with the methods.
+    frames
+        Frames of the same camera, if there are any.
+    thresholds
+        Contrast thresholds. Methods get one for both polarities, and sums of events that account
+        for the difference.
+    flow
+        Windows, with their length if there are no frames, and patches.
+    on_progress
+        Called with the stage, the amount done, and the total.
+
+    Returns
+    -------
+    Rows by the time of their windows or images. Flow is compared with tracks in the frames or,
+    without frames, scored by the contrast gain, 1 for zero flow; images are compared with the
+    frames, in whose PSNR the peak is white.
+
+    Raises
+    ------
+    TaskError
+        The recording is shorter than a window, or has nothing to score.
+    """
+    windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
+    rows = [row for source in windows for row in score_stored(task, source, settings)]
+    if not rows:
+        raise TaskError(
+            f"{recording.path}: found nothing to follow in any window, expected corners"
         )
-    else:
-        found = score_reconstruction(recording, frames, names, thresholds, on_progress)
-    return RecordingEvaluation(found, notes)
+    return sorted(rows, key=lambda row: row.t_us)
 
 
-def _failures(scores: Sequence[RecordingScore]) -> list[str]:
+def _failures(rows: Sequence[Row]) -> list[str]:
     """Return a note on each method most of whose flows are failures, with the usual reason."""
     notes = []
-    for name in dict.fromkeys(score.method for score in scores):
-        mine = [one for one in scores if one.method == name]
+    for name in dict.fromkeys(row.method for row in rows):
+        mine = [row for row in rows if row.method == name]
         failures = [one.failure for one in mine if one.failure]
         reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
         if len(failures) > len(mine) / 2:
@@ -183,16 +218,16 @@ def _methods(
             )
     if given:
         return tuple(given)
-    if task == "dense_flow" and not set(spec.networks) & set(names):
+    if all(spec.method(name).role == "baseline" for name in names):
         raise TaskError(
             f"{recording.path}: {spec.title} needs a network, expected --method "
             "our_flow_all_light, --weights eraft=FILE or --method package.module:function; "
             "--task flow needs none"
         )
-    found = {name: spec.method(name) for name in names}
+    specs = {name: spec.method(name) for name in names}
     return tuple(
         name
-        for name, method in found.items()
+        for name, method in specs.items()
         if method.on_recordings and (frames is not None or "light" not in method.needs)
     )
 
@@ -208,14 +243,15 @@ def _thresholds(
         check_positive("threshold", given, TaskError)
         return Thresholds(given, given)
     stored = stored_thresholds(recording)
-    if stored is not None:
+    needs = {"a threshold", "a change"} & {*TASKS[task].needs}
+    if stored is not None and needs:
         on, off = stored
         said = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
         notes.append(f"{said}, from the file")
         return stored
-    if frames is None:
-        return ANY_THRESHOLDS
-    if task == "reconstruction":
+    if frames is None or not needs:
+        return stored or ANY_THRESHOLDS
+    if "a change" in needs:
         worth, unexplained = worth_of_events(recording, frames)
         notes.append(
             f"an ON event is worth {worth.on:.3f}, an OFF event {worth.off:.3f} between two "

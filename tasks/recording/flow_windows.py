@@ -10,9 +10,8 @@ around each corner of that image.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -21,28 +20,18 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from sensor import Events
 from tasks.errors import TaskError
+from tasks.evaluation.source import Window
 from tasks.flow import REACH_SIGMAS, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import Contrast, off_grid
 from tasks.recording.frames import Frames
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
-from tasks.recording.recording import Recording, cut
-from tasks.recording.score import CONTRAST_GAIN, END_POINT_ERROR
+from tasks.recording.recording import Recording
 from tasks.recording.tracks import strong_corners, track
 
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A window of events, [start_us, end_us), and the index of the frame at its start, if any."""
-
-    start_us: int
-    end_us: int
-    frame: int = 0
-
-    @property
-    def before_us(self) -> int:
-        """Start of the window before, of the same length."""
-        return 2 * self.start_us - self.end_us
+END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
+"""Distance from the tracks of the frames; contrast of the events moved back along a flow, over that
+of the unmoved events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,28 +40,23 @@ class Start:
 
     Parameters
     ----------
-    contrast_threshold
-        Log units.
     patch_px
         Side of a patch, px.
     sigma_px
         Standard deviation of the flow around zero per component, px.
     """
 
-    contrast_threshold: float
     patch_px: int
     sigma_px: float
 
     @classmethod
-    def of(cls, options: FlowOptions, contrast_threshold: float, width: int) -> Start:
+    def of(cls, options: FlowOptions, width: int) -> Start:
         """Return the values for a sensor.
 
         Parameters
         ----------
         options
             Windows and patches.
-        contrast_threshold
-            Log units.
         width
             Width of the sensor, px.
 
@@ -80,18 +64,15 @@ class Start:
         -------
         Start
         """
-        reach_px = options.search_px or width / 16
-        return cls(contrast_threshold, options.patch_px, reach_px / REACH_SIGMAS)
+        return cls(options.patch_px, (options.search_px or width / 16) / REACH_SIGMAS)
 
     @property
     def reach_px(self) -> float:
         """Largest flow along each axis, px."""
         return REACH_SIGMAS * self.sigma_px
 
-    def sample(
-        self, events: Events, window: Window, log_image: NDArray, center_px: NDArray
-    ) -> FlowSample:
-        """Return the patch around a corner.
+    def sample(self, events: Events, window: Window, center_px: NDArray) -> FlowSample:
+        """Return the patch around a corner, without an image.
 
         Parameters
         ----------
@@ -99,8 +80,6 @@ class Start:
             Events, including all of the window.
         window
             The window.
-        log_image
-            (H, W) log light at its start, NaN if unknown.
         center_px
             (2,) position of the corner, px.
 
@@ -112,71 +91,12 @@ class Start:
             events,
             window.start_us,
             window.end_us,
-            log_image=log_image,
-            contrast_threshold=self.contrast_threshold,
+            log_image=np.broadcast_to(np.nan, (events.height, events.width)),
+            contrast_threshold=math.nan,
             center_px=center_px,
             side_px=self.patch_px,
             initial=np.zeros(2),
             initial_sigma_px=self.sigma_px,
-        )
-
-
-def followed(
-    recording: Recording,
-    frames: Frames | None,
-    start: Start,
-    options: FlowOptions,
-    on_progress: Callable[[int, int], None],
-    *,
-    with_before: bool = False,
-) -> Iterator[tuple[Window, Events, Reference]]:
-    """Yield the windows in which flow is scored, one after another.
-
-    Parameters
-    ----------
-    recording
-        The events.
-    frames
-        Frames of the same camera, if there are any.
-    start
-        Values for the patches.
-    options
-        Length and largest number of windows, and largest number of points in each.
-    on_progress
-        Called after each window with the number of finished windows and that of all.
-    with_before
-        Whether to yield the events of the window before too; windows without one are left out.
-
-    Yields
-    ------
-    window, events, reference
-        A window, its events, and the reference for flow in it.
-
-    Raises
-    ------
-    TaskError
-        An option is out of range, the recording has no such window, or no window has corners.
-    """
-    check(options)
-    windows = _windows(recording, frames, options, with_before)
-    starts_us = [one.before_us if with_before else one.start_us for one in windows]
-    starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending starts
-    cuts = [(start_us, one.end_us) for start_us, one in zip(starts_us, windows, strict=True)]
-    points = 0
-    for done, (window, events) in enumerate(
-        zip(windows, cut(recording.parts(), cuts), strict=True), start=1
-    ):
-        if frames is None:
-            during = events.between(window.start_us, window.end_us)
-            reference: Reference = _Sharpness(window, during, start, options.features)
-        else:
-            reference = _Tracks(window, frames, options.features)
-        points += len(reference.centers_px)
-        yield window, events, reference
-        on_progress(done, len(windows))
-    if not points:
-        raise TaskError(
-            f"{recording.path}: found nothing to follow in any window, expected corners"
         )
 
 
@@ -202,15 +122,38 @@ def check(options: FlowOptions) -> None:
         check_positive("search-px", options.search_px, TaskError)
 
 
-def _windows(
-    recording: Recording, frames: Frames | None, options: FlowOptions, with_before: bool
-) -> list[Window]:
+def windows_of(
+    recording: Recording, frames: Frames | None, options: FlowOptions, *, with_before: bool = False
+) -> list[tuple[Window, int]]:
+    """Return windows, spread over a recording, each with the index of the frame at its start.
+
+    Parameters
+    ----------
+    recording
+        The events.
+    frames
+        Frames of the same camera, if there are any: windows last from one to the next.
+    options
+        Length and largest number of windows.
+    with_before
+        Whether each window needs one of the same length before it.
+
+    Returns
+    -------
+    Windows and indices, 0 without frames.
+
+    Raises
+    ------
+    TaskError
+        An option is out of range, or the recording has no such window.
+    """
+    check(options)
     if frames is None:
-        return _even_windows(recording, options, first=int(with_before))
+        return [(one, 0) for one in _even_windows(recording, options, first=int(with_before))]
     middle_us = frames.middle_us.tolist()
-    found = [Window(middle_us[k], middle_us[k + 1], k) for k in inside(recording, frames)]
+    found = [(Window(middle_us[k], middle_us[k + 1]), k) for k in inside(recording, frames)]
     if with_before:
-        found = [window for window in found if window.before_us >= recording.start_us]
+        found = [one for one in found if one[0].before_us >= recording.start_us]
         if not found:
             raise TaskError(
                 f"{recording.path}: found no window between frames with events for as long before "
@@ -262,22 +205,17 @@ def spread(numbers: Sequence[int], most: int) -> list[int]:
     return [numbers[int((k + 0.5) * len(numbers) / most)] for k in range(most)]
 
 
-class Reference(Protocol):
-    """Reference for the flow at some points of a window.
+class Tracks:
+    """Tracks of corners from a frame to the next one, and how far a flow is from them."""
 
-    Attributes
-    ----------
-    metric
-        Name of the score.
-    centers_px
-        (N, 2) the points.
-    """
+    metric = END_POINT_ERROR
 
-    metric: str
-    centers_px: NDArray[np.float64]
+    def __init__(self, frames: Frames, k: int, features: int) -> None:
+        found = track(frames.light(k), frames.light(k + 1), features)
+        self.centers_px, self._flow_px = found.start_px, found.flow_px
 
     def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Score a flow at one of the points.
+        """Return the distance of a flow from the track, px.
 
         Parameters
         ----------
@@ -289,26 +227,11 @@ class Reference(Protocol):
         Returns
         -------
         float
-            The score, in the unit of the metric.
         """
-
-
-class _Tracks:
-    """Tracks of corners from the frame at the start of a window to the next one."""
-
-    metric = END_POINT_ERROR
-
-    def __init__(self, window: Window, frames: Frames, features: int) -> None:
-        k = window.frame
-        found = track(frames.light(k), frames.light(k + 1), features)
-        self.centers_px, self._flow_px = found.start_px, found.flow_px
-
-    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Return the distance of a flow from the track, px."""
         return float(np.linalg.norm(flow_px - self._flow_px[item]))
 
 
-class _Sharpness:
+class Sharpness:
     """How much sharper the events around corners become when moved back along a flow."""
 
     metric = CONTRAST_GAIN
@@ -317,9 +240,8 @@ class _Sharpness:
         self._reach_px = start.reach_px
         self._farthest_px = float(max(events.width, events.height))
         self._samples, self._gains, centers_px = [], [], []
-        unknown = np.full((events.height, events.width), np.nan)
         for center_px in event_corners(events)[:features]:
-            sample = start.sample(events, window, unknown, center_px)
+            sample = start.sample(events, window, center_px)
             if len(sample.t):
                 self._samples.append(sample)
                 self._gains.append(_gain(sample, self._reach_px))
@@ -327,7 +249,19 @@ class _Sharpness:
         self.centers_px = np.array(centers_px).reshape(-1, 2)
 
     def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Return the gain of a flow, 1 for zero flow; flow beyond the sensor is cut."""
+        """Return the gain of a flow, 1 for zero flow; flow beyond the sensor is cut.
+
+        Parameters
+        ----------
+        item
+            Index of the point.
+        flow_px
+            (2,) the flow, px per window.
+
+        Returns
+        -------
+        float
+        """
         flow_px = np.clip(flow_px, -self._farthest_px, self._farthest_px)
         reach_px = float(np.abs(flow_px).max())
         if reach_px <= self._reach_px:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,8 @@ from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
 from tasks.errors import TaskError
 from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
+from tasks.methods.e2vid import even_window_us
 from tasks.recording.calibration import Calibration
-from tasks.recording.images import network_options
 from tasks.recording.options import VideoOptions
 from tasks.recording.recording import Recording
 from tasks.recording.threshold import ANY_THRESHOLDS, stored_thresholds
@@ -72,6 +72,25 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     if count > _MOST_IMAGES:
         raise TaskError(f"found {count} images, expected at most {_MOST_IMAGES}; lower --fps")
     return [round(start_us + k * step_us) for k in range(count)]
+
+
+def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:
+    """Return the further arguments of a method of `video`.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    times_us
+        Times of the images, us, ascending.
+
+    Returns
+    -------
+    For a network, windows of which a whole number fits into the median time between images.
+    """
+    if name not in TASKS["video"].networks or len(times_us) < 2:
+        return {}
+    return {"window_us": even_window_us(float(np.median(np.diff(times_us))))}
 
 
 def write_video(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from eres_render.progress import Progress, silent
 from sensor import Events
+from tasks.evaluation.source import Window
 from tasks.methods.contrast_maximization import determined, estimate
-from tasks.recording.flow_windows import Start, Window, check, event_corners
+from tasks.recording.flow_windows import Start, check, event_corners
 from tasks.recording.options import FlowOptions
 from tasks.recording.recording import Recording, cut
 
@@ -63,7 +63,7 @@ def with_motion(
     check(options)
     whole_us = recording.end_us - recording.start_us
     longest_us = min(_LONGEST_US, max(1, whole_us // (2 if with_before else 1)))
-    start = Start.of(options, math.nan, recording.size[0])
+    start = Start.of(options, recording.size[0])
     enough_px = min(ENOUGH_PX, 0.5 * start.reach_px)
     least_px = 0.5 * enough_px
     begins_us = np.unique(np.linspace(0, whole_us - longest_us, _PLACES).astype(np.int64))
@@ -85,13 +85,12 @@ def with_motion(
 
 def _motion(events: Events, begin_us: int, longest_us: int, start: Start, least_px: float) -> float:
     """Return the motion in the first window that shows `least_px`, px/us; 0 if none does."""
-    unknown = np.full((events.height, events.width), np.nan)
     length_us = min(_SHORTEST_US, longest_us)
     while True:
         window = Window(begin_us, begin_us + length_us)
         during = events.between(window.start_us, window.end_us)
         corners_px = event_corners(during)[:_CORNERS]
-        samples = [start.sample(during, window, unknown, one) for one in corners_px]
+        samples = [start.sample(during, window, one) for one in corners_px]
         found = [determined(estimate, sample) for sample in samples]
         moved_px = [float(np.linalg.norm(one.flow)) for one in found if not one.failure]
         if 2 * len(moved_px) > len(found) and (median_px := np.median(moved_px)) >= least_px:

@@ -11,9 +11,14 @@ import pytest
 from another_process import environment, run_python
 from docs_page import follow
 from eres_render import load_scene, open_sequence
+from recordings import make_recording
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.methods import check_method, code_of, code_of_tasks, load_method, task_of
+from tasks.recording.evaluate import evaluate_recording
+from tasks.recording.frames import open_frames
+from tasks.recording.options import FlowOptions
+from tasks.recording.recording import open_recording
 from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.config import Evaluate
@@ -64,6 +69,29 @@ def test_your_own_task_is_scored(page):
     assert count.value == pytest.approx(2 * exact.value * 10_000)
     with pytest.raises(TaskError, match="rate: no method 'no_events'"):
         evaluate_sequence(clip, "rate", methods=("no_events",))
+
+
+def test_your_own_task_is_scored_on_a_recording(page, tmp_path):
+    """Promise: the task runs on a file of events alone and between frames: a row
+    for each window and method."""
+    made = make_recording(tmp_path)
+    recording = open_recording(made.events_file)
+    options = FlowOptions(window_ms=15.0, windows=4)
+    rows = evaluate_recording(recording, "rate", flow=options).rows
+    assert [(row.method, row.sample) for row in rows] == [
+        (name, k) for k in range(len(rows) // 2) for name in ("exact", "rounded")
+    ]
+    for row in rows[::2]:
+        start_us = row.t_us - 15_000  # the page's task scores the first 10 ms
+        first, whole = (
+            len(made.events.between(start_us, start_us + us)) for us in (10_000, 15_000)
+        )
+        assert row.value == pytest.approx(first / 10_000)
+        assert row.event_rate_hz == pytest.approx(whole / 0.015)
+    frames = open_frames(made.frames, encoding="linear")
+    found = evaluate_recording(recording, "rate", frames=frames)
+    assert {row.t_us for row in found.rows} <= {*frames.middle_us.tolist()}
+    assert not any("threshold" in note for note in found.notes)
 
 
 def test_a_study_runs_your_own_task(page):

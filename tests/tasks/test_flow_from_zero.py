@@ -72,7 +72,7 @@ def test_flow_of_turning_cameras(axis, motion_px, duration_s, tmp_path, monkeypa
         answers.append((sample, determined(method, sample)))
         return answers[-1][1]
 
-    monkeypatch.setattr("tasks.recording.flow.determined", noted)
+    monkeypatch.setattr("tasks.evaluation.scorers.flow.determined", noted)
     recording, rotation = turning(tmp_path, axis, motion_px, duration_s)
     methods = ["contrast_maximization"]
     found = evaluate_recording(recording, "flow", methods=methods, flow=OPTIONS)
@@ -96,13 +96,13 @@ def test_a_camera_at_rest_does_not_move(tmp_path):
     """Promise: noise has no flow, neither zero nor fast, and the notes say so."""
     methods = ["contrast_maximization"]
     found = evaluate_recording(still(tmp_path), "flow", methods=methods, flow=OPTIONS)
-    failed = [score for score in found.scores if score.failure]
-    assert len(failed) > 0.8 * len(found.scores)
+    failed = [score for score in found.rows if score.failure]
+    assert len(failed) > 0.8 * len(found.rows)
     assert {score.value for score in failed} == {1.0}
     assert found.notes == [
         "windows of 500 ms (the longest), in which most events show no clear motion of 2 px or "
         "more",
-        f"contrast_maximization: {len(failed)} of {len(found.scores)} answers failed, mostly with "
+        f"contrast_maximization: {len(failed)} of {len(found.rows)} answers failed, mostly with "
         f"{UNDETERMINED!r}; more motion helps: a longer --window-ms",
     ]
 
@@ -113,7 +113,7 @@ def test_too_little_motion_is_undetermined(tmp_path):
     recording, _ = turning(tmp_path, duration_s=0.2)
     options = FlowOptions(window_ms=8.0, windows=3, features=10)
     found = evaluate_recording(recording, "flow", flow=options)
-    searched = [score for score in found.scores if score.method != "initial_flow"]
+    searched = [score for score in found.rows if score.method != "initial_flow"]
     assert len({score.method for score in searched}) == 3
     assert sum(bool(score.failure) for score in searched) > 0.8 * len(searched)
     assert all(score.value != 1.0 or score.failure for score in searched)

@@ -659,15 +659,15 @@ def test_the_networks_of_eres_run_on_recordings(tmp_path):
     names = [f"our_{{}}_{light}_light" for light in ("ideal", "all")]
     images = [name.format("reconstruction") for name in names]
     found = evaluate_recording(recording, "video", frames=frames, methods=[*images, "blank"])
-    scored = {score.method: [] for score in found.scores}
-    for score in found.scores:
+    scored = {score.method: [] for score in found.rows}
+    for score in found.rows:
         scored[score.method].append(score.value)
     assert set(scored) == {*images, "blank"}
     assert all(len(values) == 6 and np.isfinite(values).all() for values in scored.values())
     options = FlowOptions(window_ms=25.0, windows=1, features=5, patch_px=21, search_px=8.0)
     flows = [name.format("flow") for name in names]
     found = evaluate_recording(recording, "dense_flow", methods=flows, flow=options)
-    assert {score.method for score in found.scores} >= {*flows}
-    assert all(np.isfinite(score.value) and not score.failure for score in found.scores)
+    assert {score.method for score in found.rows} >= {*flows}
+    assert all(np.isfinite(score.value) and not score.failure for score in found.rows)
     count = write_video(recording, tmp_path / "images", VideoOptions(method=images[0], fps=50.0))
     assert count == len([*(tmp_path / "images").glob("*.png")]) >= 2

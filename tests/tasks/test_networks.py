@@ -24,10 +24,12 @@ from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import _method_timings
+from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.dense_flow import DenseFlowScorer
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.evaluation.settings import DenseFlow, Flow, Video
+from tasks.evaluation.source import Window, true_points
 from tasks.flow import Features
 from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
@@ -35,7 +37,7 @@ from tasks.methods.eraft import estimate as estimate_eraft
 from tasks.methods.initial_flow import estimate_everywhere
 from tasks.methods.networks import named_weights, weights_of
 from tasks.methods.true_video import FilteredTruth, LateTruth, TrueLight
-from tasks.recording.images import network_options
+from tasks.recording.video import network_options
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_weights
 from tasks.study.run import run_study
@@ -375,9 +377,8 @@ def test_tracking_refuses_a_window_at_the_end_of_the_path(small_carpet, tmp_path
 def test_dense_flow_keeps_the_events_of_two_windows_only():
     """Promise: those of the warm-up do not stay in memory."""
     size = 1 << 14
-    scorer = object.__new__(DenseFlowScorer)
-    scorer._setting = SimpleNamespace(start_us=10**9, end_us=10**9 + 9)
-    scorer._before_us, scorer._before, scorer._during = 10**9 - 9, [], []
+    source = SimpleNamespace(window=Window(10**9, 10**9 + 9), before_us=10**9 - 9, points=repr)
+    scorer = DenseFlowScorer(source, DenseFlow())
     tracemalloc.start()
     for k in range(40):
         x = np.zeros(size, np.uint16)
@@ -390,13 +391,15 @@ def test_dense_flow_keeps_the_events_of_two_windows_only():
 
 def test_one_flow_of_a_sensor_is_one_estimate():
     """Promise: its time and its events count once, not once for each feature."""
-    scorer = object.__new__(DenseFlowScorer)
-    scorer._setting = SimpleNamespace(model=SimpleNamespace(width=W), name="", start_us=0, end_us=9)
-    scorer._task = DenseFlow(methods=("zero_flow", "initial_flow"))
-    points = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
-    scorer._features = Features(W, H, points, np.ones((3, 2)), np.zeros((3, 2)))
+    centers_px = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
+    task = DenseFlow(methods=("zero_flow", "initial_flow"))
+    features = Features(W, H, centers_px, np.ones((3, 2)), np.zeros((3, 2)))
+    points = true_points(features, task, range(3))
+    source = SimpleNamespace(window=Window(0, 9), before_us=-9, points=lambda task: points)
+    scorer = DenseFlowScorer(source, task)
     scorer._before, scorer._during = [stream(0)], [stream(1)]
-    timings = _method_timings((scorer._setting, "dense_flow", score) for score in scorer.scores())
+    setting = SimpleNamespace(model=SimpleNamespace(width=W), name="")
+    timings = _method_timings((setting, "dense_flow", score) for score in scorer.scores())
     events = len(stream(0)) + len(stream(1))
     assert [(one.estimates, one.events) for one in timings] == [(1, events)] * 2
 
@@ -469,7 +472,7 @@ def test_the_oracles_are_about_two_poles(kind, cutoff_hz, found):
     sequence = SimpleNamespace(window_s=(0.0, 0.1))
     reference = SimpleNamespace(sequence=sequence, dark_level=0.0)
     with pytest.raises(TaskError, match=f"about two poles: found {found}"):
-        VideoScorer(reference, setting, Video(methods=("late_truth",)))
+        VideoScorer(RenderedClip(reference, setting), Video(methods=("late_truth",)))
 
 
 def test_the_filtered_truth_is_that_of_small_steps():

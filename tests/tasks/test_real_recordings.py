@@ -25,7 +25,7 @@ def slider():
 
 
 def scores_of(found, method):
-    return [score.value for score in found.scores if score.method == method]
+    return [score.value for score in found.rows if score.method == method]
 
 
 def test_flow_from_zero_on_the_slider(slider):

@@ -7,6 +7,7 @@ import pytest
 
 from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
+from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Reconstruction
@@ -119,7 +120,7 @@ def test_event_integration_knows_the_threshold_of_off_events(off, error):
     end = start + np.array([[0.4, -0.4]])
     reference = reference_of(start, end)
     task = Reconstruction(methods=("event_integration",), upsampling="nearest")
-    scorer = ReconstructionScorer(reference, Setting(model, 1.0, 0, 100), task)
+    scorer = ReconstructionScorer(RenderedClip(reference, Setting(model, 1.0, 0, 100)), task)
     x = np.array([0, 1, 0], np.uint16)
     p = np.array([1, -1, 1], np.int8)
     scorer.push(Events(np.array([1, 2, 3]), x, 0 * x, p, width=2, height=1))
@@ -135,5 +136,5 @@ def test_a_camera_at_rest_has_a_score():
     reference = reference_of(log_image, log_image)
     task = Reconstruction(methods=("event_integration", "no_events"))
     setting = Setting(SensorModel(width=2, height=1), 1.0, 0, 9)
-    scorer = ReconstructionScorer(reference, setting, task)
+    scorer = ReconstructionScorer(RenderedClip(reference, setting), task)
     assert [score.value for score in scorer.scores()] == [100.0, 100.0]

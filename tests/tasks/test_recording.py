@@ -22,12 +22,11 @@ from tasks.recording.clock import estimate_shift, on_one_clock
 from tasks.recording.evaluate import _thresholds, evaluate_recording
 from tasks.recording.flow_windows import spread
 from tasks.recording.frames import open_frames
-from tasks.recording.images import score_reconstruction
 from tasks.recording.levels import busiest
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import sums
 from tasks.recording.recording import cut, open_recording
-from tasks.recording.threshold import Thresholds, fit_recording
+from tasks.recording.threshold import fit_recording
 from tasks.recording.tracks import track
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
@@ -50,8 +49,8 @@ def frames(made):
 
 def medians(found):
     """Return the median score of each method."""
-    names = dict.fromkeys(score.method for score in found.scores)
-    return {n: np.median([s.value for s in found.scores if s.method == n]) for n in names}
+    names = dict.fromkeys(score.method for score in found.rows)
+    return {n: np.median([s.value for s in found.rows if s.method == n]) for n in names}
 
 
 def moving_right(sample: FlowSample) -> FlowEstimate:
@@ -101,7 +100,7 @@ def test_what_most_answers_have_in_common_is_a_note(tmp_path):
     options = FlowOptions(search_px=8.0, window_ms=30.9, features=20)
     methods = ["contrast_maximization", "initial_flow"]
     found = evaluate_recording(moving_dots(tmp_path), "flow", methods=methods, flow=options)
-    failed = [one.failure for one in found.scores if one.method == methods[0] and one.failure]
+    failed = [one.failure for one in found.rows if one.method == methods[0] and one.failure]
     assert set(failed) == {AT_BOUND}
     assert found.notes == [
         f"contrast_maximization: {len(failed)} of 20 answers failed, mostly with 'search ended at "
@@ -299,7 +298,7 @@ def test_flow_with_frames_beats_doing_nothing(recording, frames):
     assert median["contrast_maximization"] < 0.4
     assert median["contrast_maximization_by_gradient"] < 0.4
     assert median["photometric_flow"] < 0.4
-    assert {score.metric for score in found.scores} == {"epe_px"}
+    assert {score.metric for score in found.rows} == {"epe_px"}
     assert any(note.startswith("thresholds: ON 0.") for note in found.notes)
 
 
@@ -333,7 +332,7 @@ def test_methods_without_a_threshold_answer_the_same_with_any(recording, frames)
     for threshold in (0.2, 0.5):
         given = {"methods": without, "contrast_threshold": threshold}
         found = evaluate_recording(recording, "flow", frames=frames, flow=options, **given)
-        scores.append(found.scores)
+        scores.append([(row.method, row.value, row.failure) for row in found.rows])
     assert scores[0] == scores[1]
 
 
@@ -364,7 +363,7 @@ def moves_along(flow_px):
 
 def dense(recording, monkeypatch, flow_px, **more):
     method, seen = moves_along(flow_px)
-    monkeypatch.setattr("tasks.recording.dense_flow.load_method", lambda *_: method)
+    monkeypatch.setattr("tasks.evaluation.scorers.dense_flow.load_method", lambda *_: method)
     options = FlowOptions(window_ms=10.0, windows=3, features=5, patch_px=21, search_px=8.0)
     given = {"methods": ["tasks.methods.zero_flow:estimate"], "flow": options, **more}
     return evaluate_recording(recording, "dense_flow", **given), seen
@@ -376,10 +375,10 @@ def test_dense_flow_with_frames_is_compared_with_tracks(recording, frames, made,
     tracks = track(frames.light(2), frames.light(3), 20)
     true_px = tracks.flow_px.mean(0)
     found, seen = dense(recording, monkeypatch, true_px, frames=frames)
-    assert {score.metric for score in found.scores} == {"epe_px"}
-    assert max(score.value for score in found.scores) < 0.3
+    assert {score.metric for score in found.rows} == {"epe_px"}
+    assert max(score.value for score in found.rows) < 0.3
     still, _ = dense(recording, monkeypatch, [0.0, 0.0], frames=frames)
-    assert np.median([score.value for score in still.scores]) == pytest.approx(2.0, abs=0.1)
+    assert np.median([score.value for score in still.rows]) == pytest.approx(2.0, abs=0.1)
     for sample in seen:
         assert sample.before.t_us[-1] < sample.during.t_us[0]
         spans = [float(np.ptp(one.t_us)) for one in (sample.before, sample.during)]
@@ -396,9 +395,9 @@ def test_dense_flow_without_frames_is_how_much_sharper_events_become(
     found, seen = dense(recording, monkeypatch, true_px)
     still, _ = dense(recording, monkeypatch, [0.0, 0.0])
     back, _ = dense(recording, monkeypatch, -true_px)
-    assert {score.value for score in still.scores} == {1.0}
-    assert np.median([score.value for score in found.scores]) > 1.02
-    assert np.median([score.value for score in back.scores]) < 1
+    assert {score.value for score in still.rows} == {1.0}
+    assert np.median([score.value for score in found.rows]) > 1.02
+    assert np.median([score.value for score in back.rows]) < 1
     assert len(seen) == 3
     assert all(len(sample.before) for sample in seen)
 
@@ -410,11 +409,12 @@ def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path)
     median = medians(found)
     assert median["event_integration"] > median["no_events"] + 6
     exposed = open_frames(made.write_frames(tmp_path / "b", exposure=8), encoding="linear")
-    known = score_reconstruction(recording, exposed, ["event_integration"], Thresholds(C, C))
+    given = {"methods": ["event_integration"], "contrast_threshold": C}
+    known = evaluate_recording(recording, "reconstruction", frames=exposed, **given).rows
     instants = open_frames(
         made.write_frames(tmp_path / "c", exposure=8, table=False), encoding="linear"
     )
-    taken = score_reconstruction(recording, instants, ["event_integration"], Thresholds(C, C))
+    taken = evaluate_recording(recording, "reconstruction", frames=instants, **given).rows
     gain = np.mean([s.value for s in known]) - np.mean([s.value for s in taken])
     assert gain > 2
 
@@ -422,11 +422,11 @@ def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path)
 def test_images_from_events_alone_are_scored_at_each_frame(recording, frames):
     """Promise: one score for each frame within the events and each method."""
     found = evaluate_recording(recording, "video", frames=frames)
-    times = sorted({score.t_us for score in found.scores})
+    times = sorted({score.t_us for score in found.rows})
     assert times == [t for t in frames.middle_us if recording.start_us < t <= recording.end_us]
     median = medians(found)
     assert set(median) == {"high_pass_filter", "high_pass_filter_no_event_decay", "blank"}
-    assert all(np.isfinite(score.value) for score in found.scores)
+    assert all(np.isfinite(score.value) for score in found.rows)
 
 
 def test_the_command_prints_scores_and_what_it_assumed(made, eres):
@@ -622,7 +622,7 @@ def test_input_that_does_not_fit_is_one_line(bad, made, tmp_path, eres):
 def test_tasks_that_need_more_say_it(made, eres):
     """Promise: pose tracking, and images without frames, are refused with what is missing."""
     for task, said in (
-        ("tracking", "needs a plane"),
+        ("tracking", "needs poses and a plane, which a recording does not have"),
         ("video", "expected --frames"),
         ("dense_flow", "needs a network, expected --method our_flow_all_light, --weights"),
     ):

@@ -98,7 +98,15 @@ def test_damage_is_named(rows, file):
 def test_rows_of_an_older_version_have_the_defaults_of_later_columns(rows, file):
     """Promise: a finished run stays readable; its sensors are squares with two poles, without a
     bus."""
-    later = ["photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped"]
+    later = [
+        "photoreceptor",
+        "sensor",
+        "illuminance_lux",
+        "speed_m_s",
+        "bus_mev_s",
+        "dropped",
+        "t_us",
+    ]
     pq.write_table(pq.read_table(file).drop_columns(later), file)
     found = read_rows(file)
     assert found == rows

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from eres_render import Camera, Distortion, Plane, Trajectory, path_through
 from sensor import Events, SensorModel, simulate
 from tasks.errors import MethodError, TaskError
+from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.tracking import TrackingScorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Tracking
@@ -388,7 +389,8 @@ def test_a_scored_sample_is_that_of_all_events(scene, count):
     reference = SimpleNamespace(
         sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_image=lambda _: log_image
     )
-    scorer = TrackingScorer(reference, Setting(model, 1.0, START_US, START_US + 28_000), task)
+    setting = Setting(model, 1.0, START_US, START_US + 28_000)
+    scorer = TrackingScorer(RenderedClip(reference, setting), task)
     for start_us in range(0, START_US + 30_000, 3000):
         scorer.push(events.between(start_us, start_us + 3000))
     with pytest.raises(MethodError, match="raised LookupError"):

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
+from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.video import VideoScorer
+from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay
@@ -322,7 +324,7 @@ def test_other_equalizations_score_the_same_images():
     """Promise: each is a variant with the scores of a run with that equalization, and the method
     runs once."""
     events = random_events(size=32)
-    setting = SimpleNamespace(model=SensorModel(width=32, height=32), speed=1.0)
+    setting = Setting(SensorModel(width=32, height=32), 1.0, 0, 2_000_000)
     truth = smooth_noise(1, 32)
     reference = SimpleNamespace(
         sequence=SimpleNamespace(window_s=(0.0, 2.0)),
@@ -331,7 +333,7 @@ def test_other_equalizations_score_the_same_images():
 
     def scores(**options):
         task = Video(methods=("high_pass_filter", "blank"), every_s=1.0, **options)
-        scorer = VideoScorer(reference, setting, task)
+        scorer = VideoScorer(RenderedClip(reference, setting), task)
         scorer.push(events)
         return list(scorer.scores())
 

@@ -29,6 +29,10 @@ class Score:
         CPU time of the method, seconds.
     copied
         Whether the answer was computed for another variant, and not again.
+    metric
+        Name of the metric; "" for that of the task.
+    t_us
+        Time of an image in the time of the events; 0 for the end of the window.
     """
 
     method: str
@@ -40,10 +44,12 @@ class Score:
     events: int = 0
     cpu_s: float = 0.0
     copied: bool = False
+    metric: str = ""
+    t_us: int = 0
 
 
 class Scorer(Protocol):
-    """Scores the methods of one task on the events of one sensor."""
+    """Scores the methods of one task on the events of a `Source`; made from it and the settings."""
 
     def push(self, events: Events) -> None:
         """Take in the next events, those of the warm-up included."""

@@ -3,71 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 
 from sensor import Events
 from sensor.events import concatenate
 from tasks.evaluation.answers import ask, flow_answer
-from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score
-from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Flow
-from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
+from tasks.evaluation.source import Source
+from tasks.flow import flow_sample, patch_mask
 from tasks.methods import load_method
-from tasks.variants import NATIVE_PATCH
+from tasks.methods.contrast_maximization import determined, estimate, off_grid
+from tasks.registry import TASKS
+
+_BY_CONTRAST = (
+    *("contrast_maximization", "contrast_maximization_by_gradient"),
+    "contrast_maximization_by_plain_variance",
+)
 
 
 class FlowScorer:
-    """Scores the end-point errors of all features, for each kind of patch."""
+    """Scores the flow at all points, for each kind of patch."""
 
-    def __init__(self, reference: ReferenceFrames, setting: Setting, task: Flow) -> None:
-        self._reference, self._setting, self._task = reference, setting, task
-        size = width, height = setting.model.width, setting.model.height
-        self._features = reference.features(task.features, task.seed).at(width, height)
-        # At 1280 px both patches are the same and are scored once.
-        self._variants = {patch_px(width): [""]}
-        if task.native_patch:
-            self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
-        self._kept = patch_mask(self._features.centers_px, max(self._variants), *size)
+    def __init__(self, source: Source, task: Flow) -> None:
+        self._source, self._task, self._points = source, task, source.points(task)
+        self._kept = patch_mask(self._points.centers_px, max(self._points.sides), *source.size)
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:
         """Keep the window's events in the patches."""
-        window = events.between(self._setting.start_us, self._setting.end_us)
+        window = events.between(self._source.window.start_us, self._source.window.end_us)
         if len(window) or not self._parts:
             self._parts.append(window.where(self._kept[window.y, window.x]))
 
     def scores(self) -> Iterator[Score]:
-        """Yield one score for each kind of patch, feature and method."""
-        task, setting, features = self._task, self._setting, self._features
-        methods = {name: load_method("flow", name) for name in task.methods}
-        initial_px = features.initial_flow_px(task.initial_sigma_px)
+        """Yield one score for each kind of patch, point and method."""
+        source, points = self._source, self._points
+        methods = {name: load_method("flow", name) for name in self._task.methods}
+        from_zero = source.search_from == "zero"
+        if from_zero:
+            for name in {*_BY_CONTRAST} & {*methods}:
+                methods[name] = partial(determined, methods[name])
         events = concatenate(self._parts)
         self._parts = []
-        for side_px, variants in self._variants.items():
-            for item in range(len(features)):
-                sample = flow_sample(
+        spec = TASKS["flow"]
+        near = {name for name in methods if "guess" in spec.method(name).needs}
+        for side_px, variants in points.sides.items():
+            for k, item in enumerate(points.items):
+                sample = nearby = flow_sample(
                     events,
-                    setting.start_us,
-                    setting.end_us,
-                    log_image=self._reference.log_image(setting.model),
-                    contrast_threshold=setting.model.contrast_threshold,
-                    center_px=features.centers_px[item],
+                    source.window.start_us,
+                    source.window.end_us,
+                    log_image=source.log_image,
+                    contrast_threshold=source.contrast_threshold,
+                    center_px=points.centers_px[k],
                     side_px=side_px,
-                    initial=initial_px[item],
-                    initial_sigma_px=initial_sigma_px(features.width, task.initial_sigma_px),
+                    initial=points.initial_px[k],
+                    initial_sigma_px=points.sigma_px,
                 )
+                if from_zero and near:
+                    nearby = replace(sample, initial=estimate(off_grid(sample)).flow)
                 for name, method in methods.items():
-                    answer, cpu_s = ask("flow", name, method, sample)
-                    estimate = flow_answer("flow", name, answer, sample.initial)
-                    error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
+                    given = nearby if name in near else sample
+                    answer, cpu_s = ask("flow", name, method, given)
+                    found = flow_answer("flow", name, answer, given.initial)
+                    value = points.value(k, found.flow)
                     for variant in variants:
                         yield Score(
                             name,
-                            error_px,
+                            value,
                             variant,
                             item,
-                            estimate.failure,
+                            found.failure,
                             events=len(sample.t),
                             cpu_s=cpu_s,
                             copied=variant != variants[0],
+                            metric=points.metric,
                         )

@@ -1,5 +1,6 @@
 """All steps on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
 
+import importlib
 import json
 import math
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from docs_page import BLOCK, DOCS
 from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
@@ -20,9 +22,12 @@ from sensor.cameras import read_camera
 from sensor.formats import load_events, write_events
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
+from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.settings import TaskSettings
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
 from tasks.recording.frames import open_frames
+from tasks.registry import TASKS
 from tasks.rig import virtual
 from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import (
@@ -37,13 +42,10 @@ from tasks.rig.crop import common_boxes, crop, homography, read_crop
 from tasks.rig.detect import _Integration, detect
 from tasks.rig.evaluate import (
     RigEvaluation,
-    _features,
-    _flow_rows,
     _load,
-    _row,
-    _tracking_rows,
     _windows,
     evaluate_rig,
+    rows_of,
 )
 from tasks.rig.light import light_of_crop
 from tasks.rig.markers import Detections
@@ -52,6 +54,7 @@ from tasks.rig.prints import prints_of
 from tasks.rig.recording import open_rig_recording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import Slider, read_slider, write_slider
+from tasks.rig.source import CropSource
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -419,7 +422,7 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
         for window in found:
             at_m = on_page(one.pose, one.camera, middle_px, np.mean(window.x_m))[0] @ along
             assert at_m == pytest.approx(printed.places_m[window.place], abs=1e-5)
-            numbers, centers_px, _ = _features(one, window, 12)
+            numbers, centers_px, _ = CropSource(one, [window]).corners(12)
             seen_m = on_page(one.pose, one.camera, centers_px, window.x_m[0])
             assert len(numbers) > 3
             for number, at_m in zip(numbers.tolist(), seen_m, strict=True):
@@ -430,9 +433,10 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     # Whatever the strokes before, both begin with the same errors: pairs are of methods alone.
     late = [replace(one, visit=one.visit + 4) for one in found]
     settings = replace(settings, flow=("initial_flow",), tracking=("initial_path",))
-    for rows_of in (_flow_rows, _tracking_rows):
+    for task in ("flow", "tracking"):
+        tasks = {task: settings.tasks()[task]}
         first, second = (
-            [row.value for window in windows for row in rows_of(one, window, settings)]
+            [row.value for window in windows for row in rows_of(one, [window], tasks)]
             for windows in (found, late)
         )
         assert first == second != []
@@ -440,8 +444,9 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     crop_near = _load(made, near, printed, settings)
     scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
     window = Window(0, 0, 0, 10_000, (0.0, 0.002))
-    one, two = (_row(crop, window, "flow", "m", "v", 0.0) for crop in (crop_near, scaled))
-    assert (one.speed, two.speed) == (0.2, 0.4)
+    one, two = (CropSource(crop, [window]) for crop in (crop_near, scaled))
+    score = Score("m", 0.0)
+    assert (one.columns(score)["speed"], two.columns(score)["speed"]) == (0.2, 0.4)
 
 
 def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tmp_path):
@@ -499,6 +504,39 @@ def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_so
     method = "photometric_tracking_with_delay"
     rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
     assert {row.method for row in rows} == {method}
+
+
+def test_your_own_task_is_scored_on_crops(recording, frames_solved, tmp_path, monkeypatch):
+    """Promise: the task of docs/methods.md runs on crops, next to the others: the rate of a window
+    is that of the crop's events in it. One that needs what a crop lacks is refused."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_rate", raising=False)
+    blocks = {name: text for _, name, text in BLOCK.findall((DOCS / "methods.md").read_text())}
+    (tmp_path / "my_rate.py").write_text(blocks["my_rate.py"])
+    try:
+        importlib.import_module("my_rate")
+        options = {"places": 3, "travel_m": 0.002, "video": (), "tracking": ()}
+        settings = RigEvaluation(flow=("initial_flow",), **options)
+        tasks = {"rate": TaskSettings(methods=("exact",))}
+        rows = evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+        rates = [row for row in rows if row.task == "rate"]
+        assert {row.task for row in rows} == {"flow", "rate"}
+        assert [row.sample for row in rates] == [0, 0, 1, 1, 2, 2]  # there and back
+        events = load_events(made / "events.h5")
+        for row in rates:
+            assert row.value == pytest.approx(1e-6 * row.event_rate_hz)
+            start_us = row.t_us - round(1e6 * 0.002 / 0.06)
+            count = len(events.between(start_us, row.t_us))
+            assert count / (row.t_us - start_us) == pytest.approx(row.value, rel=0.02)
+        TASKS["rate"] = replace(TASKS["rate"], needs=("poses", "sound"))
+        with pytest.raises(TaskError, match="event rate needs sound, which a crop does not have"):
+            evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+    finally:
+        TASKS.pop("rate", None)
+        sys.modules.pop("my_rate", None)
 
 
 @pytest.mark.parametrize("overwrite", [False, True])

@@ -1,0 +1,184 @@
+"""`RenderedClip`: a sensor on rendered frames, as a source for scorers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Plane, Trajectory
+from tasks.errors import TaskError
+from tasks.evaluation.distance import farther
+from tasks.evaluation.reference import ReferenceFrames, dark_level_of
+from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import DenseFlow, Flow, Tracking, Video, unlike_two_poles
+from tasks.evaluation.source import FlowPoints, Images, Source, Window, true_points
+from tasks.methods.true_video import TrueLight
+from tasks.tracking import KNOT_INTERVAL_S, PATH_S, path_at
+
+Float64 = NDArray[np.float64]
+
+
+class RenderedClip(Source):
+    """A sensor on rendered frames; frames, log images and ground truth are in `reference`."""
+
+    def __init__(self, reference: ReferenceFrames, setting: Setting) -> None:
+        self.reference, self.setting = reference, setting
+        self.model, self.speed = setting.model, setting.speed
+        self.window = Window(setting.start_us, setting.end_us)
+        self.off_weight = self.model.off_threshold / self.model.contrast_threshold
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.model.width, self.model.height
+
+    @property
+    def contrast_threshold(self) -> float:
+        return self.model.contrast_threshold
+
+    @property
+    def log_image(self) -> Float64:
+        return self.reference.log_image(self.model)
+
+    @property
+    def log_start(self) -> Float64:
+        return self.reference.log_start(self.model)
+
+    @property
+    def log_end(self) -> Float64:
+        return self.reference.log_end(self.model)
+
+    @property
+    def log_white(self) -> float:
+        return self.reference.log_white(self.model)
+
+    @property
+    def before_us(self) -> int:
+        sequence = self.reference.sequence
+        first_us = float(sequence.t_s[0]) / self.speed * 1e6
+        if first_us > self.window.before_us + 1:
+            start_s, end_s = sequence.window_s
+            if end_s > 2 * start_s:  # of all of the path, for example
+                raise TaskError(
+                    f"dense_flow: found a window from {start_s:g} to {end_s:g} s of the path, "
+                    "expected one with as much of the path before it; render clips, without "
+                    "--continuous"
+                )
+            raise TaskError(
+                f"dense_flow: found frames from {first_us * 1e-6 * self.speed:g} s on, expected "
+                f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
+                "render the clip with a longer --warm-up"
+            )
+        return self.window.before_us
+
+    @property
+    def plane(self) -> Plane | None:
+        plane = self.reference.truth.plane
+        return plane and replace(plane, offset_m=self.setting.scale * plane.offset_m)
+
+    @property
+    def camera(self) -> Camera:
+        camera = self.reference.camera(*self.size)
+        return camera if self.setting.distance == 1.0 else camera.zoomed(self.setting.distance)
+
+    def points(self, task: Flow | DenseFlow) -> FlowPoints:
+        features = self.reference.features(task.features, task.seed).at(*self.size)
+        return true_points(features, task, range(len(features)))
+
+    def images(self, task: Video) -> Images:
+        start_s, end_s = self.reference.sequence.window_s
+        count = round((end_s - start_s) / task.every_s)
+        if count < 1:
+            raise TaskError(
+                f"video: found {end_s - start_s:g} s of frames, expected at least "
+                f"{task.every_s:g} s, for one image"
+            )
+        times_s = np.linspace(start_s, end_s, count + 1)[1:].tolist()
+        return Images(
+            numbers={round(t_s / self.speed * 1e6): i for i, t_s in enumerate(times_s)},
+            step_us=1e6 * (end_s - start_s) / count,
+            truth=lambda k, name: self.reference.picture(self.model, times_s[k], name),
+        )
+
+    def true_light(self, method: str) -> TrueLight:
+        if found := unlike_two_poles(self.model):
+            raise TaskError(
+                f"video, method {method!r}, which is about two poles: found {found}, expected "
+                "'two_pole' with one cutoff"
+            )
+        model = self.model
+        light = self.reference.sequence, dark_level_of(model)
+        return TrueLight(*light, model.cutoff_hz, self.speed, model.fill_factor)
+
+    def path(self, task: Tracking) -> Trajectory:
+        """Return the true path, in the events' time: a faster camera runs through it sooner."""
+        reference = self.reference
+        start_s = reference.sequence.window_s[0]
+        _check_path(start_s, reference.truth.trajectory.duration_s, self.speed)
+        path = path_at(self.pose, 0.0)
+        _check_frames(reference, self.setting, task, round(path.duration_s * 1e6))
+        return path
+
+    def pose(self, t_s: Float64) -> Float64:
+        truth, start_s = self.reference.truth, self.reference.sequence.window_s[0]
+        poses = truth.trajectory.pose(start_s + t_s * self.speed)
+        poses[..., :3, 3] *= self.setting.scale
+        if self.setting.distance == 1.0 or self.plane is None:
+            return poses
+        return farther(poses, self.plane, self.setting.distance)
+
+    def seeds(self, task: Tracking) -> tuple[int, int]:
+        sequence = np.random.SeedSequence([task.seed, self.reference.sequence.manifest.clip])
+        seed = int(sequence.generate_state(1)[0])
+        return seed, seed
+
+    def columns(self, score: Score) -> dict[str, Any]:
+        setting, manifest = self.setting, self.reference.sequence.manifest
+        readout = setting.readout
+        return {
+            "scene": manifest.scene,
+            "cutoff_hz": self.model.cutoff_hz,
+            "speed": setting.speed,
+            "sample": manifest.clip if score.sample is None else score.sample,
+            "photoreceptor": self.model.photoreceptor,
+            "sensor": setting.name,
+            "illuminance_lux": setting.illuminance_lux,
+            "speed_m_s": setting.speed_m_s,
+            "bus_mev_s": math.inf if readout is None else readout.max_rate_hz / 1e6,
+        }
+
+
+def _check_path(start_s: float, end_s: float, speed: float) -> None:
+    """Refuse windows around whose path that of the scene has no room for a knot on each side."""
+    before_s = KNOT_INTERVAL_S * speed
+    if start_s < before_s - 1e-9:
+        raise TaskError(
+            f"tracking: found a window that starts at {start_s:g} s of the path, expected "
+            f"{before_s:g} s or later, one knot after the path's start; render clips, without "
+            "--continuous"
+        )
+    until_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
+    if end_s < until_s - 1e-9:
+        raise TaskError(
+            f"tracking: found a path that ends at {end_s:g} s, expected {until_s:g} s or later, at "
+            f"speed {speed:g} one knot after the path that is tracked; lower the speed"
+        )
+
+
+def _check_frames(
+    reference: ReferenceFrames, setting: Setting, task: Tracking, duration_us: int
+) -> None:
+    """Refuse frames that end before the path, or before its last events come."""
+    shown_us = round(1e6 * float(reference.sequence.t_s[-1]) / setting.speed) - setting.start_us
+    delay_us = task.delay_us
+    if duration_us + delay_us > shown_us + 1:
+        delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
+        raise TaskError(
+            f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window on, at "
+            f"speed {setting.speed:g}, expected {1e-3 * duration_us:g} ms for the path{delayed}; "
+            "lower the speed"
+        )

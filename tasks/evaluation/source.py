@@ -1,0 +1,281 @@
+"""What scorers know of the scene behind the events: `Source`, whatever the events come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Plane, Trajectory
+from sensor import Events
+from tasks.errors import TaskError
+from tasks.evaluation.scorers.base import Score, Scorer
+from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
+from tasks.flow import Features, initial_sigma_px, patch_px, rnepe_px
+from tasks.methods.true_video import TrueLight
+from tasks.registry import TASKS, load
+from tasks.row import Row
+from tasks.variants import NATIVE_PATCH
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A scored window, [start_us, end_us), in the time of the events."""
+
+    start_us: int
+    end_us: int
+
+    @property
+    def seconds(self) -> float:
+        """Length of the window."""
+        return (self.end_us - self.start_us) * 1e-6
+
+    @property
+    def before_us(self) -> int:
+        """Start of the window before, of the same length."""
+        return 2 * self.start_us - self.end_us
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowPoints:
+    """Points at which flow is scored, where searches start, and what answers are compared with.
+
+    Parameters
+    ----------
+    metric
+        Name of the score.
+    centers_px, initial_px
+        (N, 2) the points, and the flows from which searches start.
+    sigma_px
+        Standard deviation of the initial flows per component.
+    sides
+        Variants of the task by the side of their patches, px.
+    value
+        Scores a flow at the point of an index.
+    items
+        Number of each point in rows.
+    """
+
+    metric: str
+    centers_px: Float64
+    initial_px: Float64
+    sigma_px: float
+    sides: Mapping[int, Sequence[str]]
+    value: Callable[[int, Float64], float]
+    items: Sequence[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Images:
+    """Images of a video: numbers by their times in us, the time between them, and the truth.
+
+    `step_us` is in the time of the scene, None for a single image. `truth` gets the number of an
+    image and the equalization.
+    """
+
+    numbers: Mapping[int, int]
+    step_us: float | None
+    truth: Callable[[int, str], Float64]
+
+
+class Changes(Protocol):
+    """Adds up events as changes of log intensity, in units of the contrast threshold."""
+
+    def push(self, events: Events) -> None:
+        """Take in the next events."""
+
+    def total(self) -> Float64:
+        """Return the sums, (h, w)."""
+
+
+class Polarities:
+    """Sums of a window's polarities, in which OFF events have a weight."""
+
+    def __init__(self, size: tuple[int, int], window: Window, off_weight: float) -> None:
+        self._window, self._off_weight = window, off_weight
+        self._sum = np.zeros(size[::-1], np.int64)
+        # Sum of OFF events; a single 0 if they count like ON events.
+        self._off_sum = np.zeros((1, 1) if off_weight == 1 else size[::-1], np.int64)
+
+    def push(self, events: Events) -> None:
+        window = events.between(self._window.start_us, self._window.end_us)
+        if len(window):
+            self._sum += window.polarity_sum()
+            if self._off_weight != 1:
+                self._off_sum += window.where(window.p < 0).polarity_sum()
+
+    def total(self) -> Float64:
+        return np.asarray(self._sum + (self._off_weight - 1) * self._off_sum)
+
+
+class Source:
+    """Events in a window, and what is known of the scene behind them.
+
+    A scorer asks only for what its task lists in `TaskSpec.needs`; a source implements what it has.
+
+    Attributes
+    ----------
+    window
+        The scored window.
+    size
+        Width and height of the sensor, px.
+    contrast_threshold
+        C, log units.
+    speed
+        Factor by which the scene is faster than its own time.
+    search_from
+        Whether searches start near the truth, or from zero.
+    off_weight
+        What an OFF event is worth, in units of the contrast threshold.
+    """
+
+    window: Window
+    speed: float = 1.0
+    search_from: Literal["truth", "zero"] = "truth"
+    off_weight: float = 1.0
+
+    @property
+    def size(self) -> tuple[int, int]:
+        raise NotImplementedError
+
+    @property
+    def contrast_threshold(self) -> float:
+        raise NotImplementedError
+
+    @property
+    def log_image(self) -> Float64:
+        """(h, w) log light at the window's start on the sensor's grid, NaN if unknown."""
+        raise NotImplementedError
+
+    @property
+    def log_start(self) -> Float64:
+        """(H, W) log light at the window's start, as images are compared."""
+        return self.log_image
+
+    @property
+    def log_end(self) -> Float64:
+        """(H, W) log light at the window's end."""
+        raise NotImplementedError
+
+    @property
+    def log_white(self) -> float:
+        """Log light of white."""
+        return 0.0
+
+    @property
+    def before_us(self) -> int:
+        """Start of the window before, whose events the source has, too."""
+        return self.window.before_us
+
+    @property
+    def plane(self) -> Plane | None:
+        """The plane that the camera sees."""
+        raise NotImplementedError
+
+    @property
+    def camera(self) -> Camera:
+        """The camera, of the sensor's size."""
+        raise NotImplementedError
+
+    def parts(self) -> Iterator[Events]:
+        """Read the events, if they are stored."""
+        raise NotImplementedError
+
+    def changes(self) -> Changes:
+        """Return an empty sum of the window's events."""
+        return Polarities(self.size, self.window, self.off_weight)
+
+    def points(self, task: Flow | DenseFlow) -> FlowPoints:
+        """Return the points at which flow is scored."""
+        raise NotImplementedError
+
+    def images(self, task: Video) -> Images:
+        """Return the images of a video that are scored."""
+        raise NotImplementedError
+
+    def true_light(self, method: str) -> TrueLight:
+        """Return the light behind the events, for diagnostics of video."""
+        raise TaskError(f"video: method {method!r} needs the light of a rendered sequence")
+
+    def path(self, task: Tracking) -> Trajectory:
+        """Return the true path from the window's start on."""
+        raise NotImplementedError
+
+    def pose(self, t_s: Float64) -> Float64:
+        """Return the (N, 4, 4) true poses, at seconds after the window's start."""
+        raise NotImplementedError
+
+    def seeds(self, task: Tracking) -> tuple[int | list[int], int]:
+        """Return the seeds of the initial path's errors and of the choice of pixels."""
+        raise NotImplementedError
+
+    def columns(self, score: Score) -> dict[str, Any]:
+        """Return what the row of a score says of the source: scene, cutoff, speed, sample, .."""
+        raise NotImplementedError
+
+
+def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]) -> FlowPoints:
+    """Return points whose true flow is known; searches start near it."""
+    width = features.width
+    sides = {patch_px(width): [""]}
+    if isinstance(task, Flow) and task.native_patch:  # at 1280 px both are the same
+        sides.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
+    return FlowPoints(
+        metric="rnepe_px",
+        centers_px=features.centers_px,
+        initial_px=features.initial_flow_px(task.initial_sigma_px),
+        sigma_px=initial_sigma_px(width, task.initial_sigma_px),
+        sides=sides,
+        value=lambda k, flow_px: rnepe_px(flow_px, features.flow_px[k], width),
+        items=items,
+    )
+
+
+def check_needs(task: str, where: object, kind: str, has: frozenset[str]) -> None:
+    """Raise if a kind of source, such as "a recording", lacks what a task needs."""
+    spec = TASKS[task]
+    lacking = [name for name in spec.needs if name not in has]
+    if lacking:
+        raise TaskError(
+            f"{where}: {spec.title} needs {' and '.join(lacking)}, which {kind} does not have"
+        )
+
+
+def scorer_of(task: str, source: Source, settings: TaskSettings) -> Scorer:
+    """Return the scorer of a task, made from a source."""
+    scorer: Scorer = load(TASKS[task].scorer)(source, settings)
+    return scorer
+
+
+def row_of(
+    task: str, source: Source, score: Score, event_rate_hz: float, dropped: float = 0.0
+) -> Row:
+    """Return a score as a row."""
+    values = {
+        "method": score.method,
+        "width": source.size[0],
+        "contrast_threshold": source.contrast_threshold,
+        "metric": score.metric or TASKS[task].metric.name,
+        "value": score.value,
+        "event_rate_hz": event_rate_hz,
+        "variant": score.variant,
+        "item": score.item,
+        "failure": score.failure,
+        "dropped": dropped,
+    }
+    return Row(task=task, **{**values, **source.columns(score)})
+
+
+def score_stored(task: str, source: Source, settings: TaskSettings) -> list[Row]:
+    """Score the methods of a task on stored events."""
+    scorer, window = scorer_of(task, source, settings), source.window
+    count = 0
+    for events in source.parts():
+        scorer.push(events)
+        count += len(events.between(window.start_us, window.end_us))
+    return [row_of(task, source, score, count / window.seconds) for score in scorer.scores()]

@@ -1,0 +1,163 @@
+"""`CropSource`: windows of a crop as a source for scorers; its light is that of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Plane, Trajectory
+from sensor import Events
+from sensor.levels import DARK_FRACTION
+from tasks.evaluation import source
+from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
+from tasks.evaluation.source import FlowPoints, Images, Source, true_points
+from tasks.flow import Features
+from tasks.reconstruction import log_white_level
+from tasks.rig.bundle import RigPose
+from tasks.rig.crop import Cropped
+from tasks.rig.page_view import page_view
+from tasks.rig.places import Way, Window
+from tasks.rig.prints import Print, are_inside
+from tasks.tracking import path_at
+from tasks.video import picture
+
+Float64 = NDArray[np.float64]
+
+HAS = frozenset({"frames", "poses", "a plane", "a threshold", "a change"})
+MOST_ITEMS = 1_000_000
+"""Items of a task in a visit to a place."""
+
+_PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
+_MARGIN_US = 20_000  # a path lasts 14 ms, and has a control pose before it and one after it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Crop:
+    """A crop in memory."""
+
+    cropped: Cropped
+    way: Way
+    printed: Print
+    events: Events
+    contrast_threshold: float
+    cutoff_hz: float
+    camera: Camera = field(init=False)
+    pose: RigPose = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera", self.cropped.camera())
+        object.__setattr__(self, "pose", self.cropped.pose.pose())
+
+    def log_view(self, x_m: float) -> Float64:
+        """Return the log light of the page at a position of the slider."""
+        light = self.printed.page, self.printed.light
+        return np.log(page_view(self.camera, self.pose, x_m, *light) + DARK_FRACTION)
+
+
+class CropSource(Source):
+    """A window of a crop, or all of its windows as one stretch for tasks with a state."""
+
+    def __init__(self, crop: Crop, windows: Sequence[Window]) -> None:
+        self._crop, self._windows = crop, windows
+        self._first = windows[0]
+        self.window = source.Window(windows[0].start_us, windows[-1].end_us)
+        self._log_view = cache(crop.log_view)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.camera.width, self.camera.height
+
+    @property
+    def contrast_threshold(self) -> float:
+        return self._crop.contrast_threshold
+
+    @property
+    def camera(self) -> Camera:
+        return self._crop.camera
+
+    @property
+    def plane(self) -> Plane:
+        return _PLANE
+
+    @property
+    def log_image(self) -> Float64:
+        return self._log_view(self._first.x_m[0])
+
+    @property
+    def log_end(self) -> Float64:
+        return self._log_view(self._first.x_m[1])
+
+    @property
+    def log_white(self) -> float:
+        return log_white_level(self.log_end)
+
+    def covers(self, task: TaskSettings) -> bool:
+        """Return whether the recording lasts long enough around the window for a task."""
+        way, window = self._crop.way, self.window
+        if any(one.windows_before for one in task.plan()) and window.before_us < way.first_us:
+            return False
+        if not isinstance(task, Tracking):
+            return True
+        slider_us, end_us = way.slider.t_us, window.start_us + _MARGIN_US + task.delay_us
+        return bool(slider_us[0] <= window.start_us - _MARGIN_US and end_us <= slider_us[-1])
+
+    def parts(self) -> Iterator[Events]:
+        yield self._crop.events
+
+    def corners(self, count: int) -> tuple[NDArray[np.intp], Float64, Float64]:
+        """Return corners of the print that stay in the crop, and their displacements.
+
+        Returns
+        -------
+        numbers, centers_px, flow_px
+            (N,) numbers of the corners, the same in all crops, (N, 2) px, and (N, 2) px.
+        """
+        pose, camera, window = self._crop.pose, self.camera, self._first
+        points_m = self._crop.printed.corners_m(window.place)[:count]
+        start_px, end_px = pose.project(camera, points_m, window.x_m)
+        kept = are_inside(camera, start_px) & are_inside(camera, end_px)
+        return np.flatnonzero(kept), start_px[kept], (end_px - start_px)[kept]
+
+    def points(self, task: Flow | DenseFlow) -> FlowPoints:
+        numbers, centers_px, flow_px = self.corners(task.features)
+        rng = np.random.default_rng([task.seed, self._first.place, self._first.back])
+        draws = rng.standard_normal((task.features, 2))[numbers]
+        features = Features(*self.size, centers_px, flow_px, draws)
+        return true_points(features, task, numbers.tolist())
+
+    def images(self, task: Video) -> Images:
+        windows, shape = self._windows, self.size[::-1]
+        return Images(
+            numbers={window.end_us: i for i, window in enumerate(windows)},
+            step_us=None,
+            truth=lambda i, name: picture(self._log_view(windows[i].x_m[1]), shape, name),
+        )
+
+    def path(self, task: Tracking) -> Trajectory:
+        return path_at(self.pose, 0.0)
+
+    def pose(self, t_s: Float64) -> Float64:
+        x_m = self._crop.way.slider.position_m(self.window.start_us + 1e6 * t_s)
+        return self._crop.pose.at(x_m)
+
+    def seeds(self, task: Tracking) -> tuple[list[int], int]:
+        return [task.seed, self._first.place, self._first.back], 0
+
+    def columns(self, score: Score) -> dict[str, Any]:
+        crop, window = self._crop, self._windows[score.sample or 0]
+        count = len(crop.events.between(window.start_us, window.end_us))
+        return {
+            "scene": crop.cropped.scene,
+            "cutoff_hz": crop.cutoff_hz,
+            "speed": round(window.encoder_mps * crop.pose.scale, 4),
+            "sample": window.place,
+            "event_rate_hz": 1e6 * count / (window.end_us - window.start_us),
+            "item": window.visit * MOST_ITEMS + score.item,
+            "t_us": window.end_us,
+        }
