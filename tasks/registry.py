@@ -152,7 +152,7 @@ class TaskSpec:
         return self.method(method).label or words
 
     def cost(self, method: str) -> Cost:
-        """Return the cost of a method; if it is not known, the mean answer of the others."""
+        """Return the cost of a method; if not known, the mean answer or the first path."""
         if (known := self.method(method).cost) is not None:
             return known
         costs = [cost for name in self.methods if (cost := self.method(name).cost)]
