@@ -7,12 +7,13 @@ task's `methods`. Places are strings, so that listing tasks and methods imports 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import Any, Literal
 
 from eres_render.errors import nearest
+from sensor.own_modules import WithInstalled, installed
 from tasks.errors import TaskError
 from tasks.metric import Metric
 
@@ -145,13 +146,17 @@ class TaskSpec:
         found = self.methods.get(name, name)
         return MethodSpec(found) if isinstance(found, str) else found
 
+    def is_own(self, name: str) -> bool:
+        """Whether a method's code is outside of eres."""
+        return not self.method(name).place.startswith("tasks.")
+
     def label(self, method: str) -> str:
         """Return a method's name in words; a ``module:function`` stays as it is."""
         words = method if ":" in method else method.replace("_", " ")
         return self.method(method).label or words
 
     def cost(self, method: str) -> Cost:
-        """Return the cost of a method; if it is not known, the mean answer of the others."""
+        """Return the cost of a method; if not known, the mean answer or the first path."""
         if (known := self.method(method).cost) is not None:
             return known
         costs = [cost for name in self.methods if (cost := self.method(name).cost)]
@@ -357,6 +362,11 @@ TASKS["tracking"] = TaskSpec(
     planar_only=True,
     share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
 )
+
+
+for _task, _spec in TASKS.items():
+    _more = partial(installed, "eres.methods", f"{_task}.")
+    TASKS[_task] = replace(_spec, methods=WithInstalled(_spec.methods, _more))
 
 
 def load(place: str) -> Any:

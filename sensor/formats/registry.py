@@ -17,7 +17,7 @@ from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
 from sensor.formats.new_file import new_file
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
-from sensor.own_modules import import_own
+from sensor.own_modules import WithInstalled, import_own, installed
 
 _log = logging.getLogger(__name__)
 
@@ -106,7 +106,7 @@ def _faery_format(name: str, title: str, *suffixes: str) -> Format:
     )
 
 
-FORMATS: dict[str, Format] = {
+_FORMATS = {
     f.name: f
     for f in (
         Format(
@@ -172,6 +172,11 @@ FORMATS: dict[str, Format] = {
         ),
     )
 }
+
+
+FORMATS = WithInstalled(
+    *(_FORMATS, lambda: {name: _own_format(at) for name, at in installed("eres.formats").items()})
+)
 
 
 def find_format(path: str | Path, name: str | None = None, *, new: bool = False) -> Format:

@@ -22,6 +22,7 @@ from tasks.cpu_time import cpu_s
 from tasks.errors import MethodError, WeightsError
 from tasks.flow import FlowEstimate
 from tasks.methods import source_file
+from tasks.registry import TASKS
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 _INFINITE = 1e150  # px, m: the square of a larger number overflows
@@ -43,7 +44,7 @@ def ask(
     -------
     The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
     """
-    if ":" in name:
+    if TASKS[task].is_own(name):
         arguments = tuple(_copied(one) for one in arguments)
     started_s = cpu_s()
     try:

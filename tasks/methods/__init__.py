@@ -134,7 +134,7 @@ def check_method(
     if name in TASKS[task].networks:
         for size in {*sizes}:
             network(task, name, weights).check_size(*size)
-    told = _told_tasks(function) if ":" in name else []
+    told = _told_tasks(function) if TASKS[task].is_own(name) else []
     if told and task not in told:
         found, expected = (
             f"a function of a {_samples()[one].__name__}" if TASKS[one].sample else "a class"

@@ -306,7 +306,8 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
 def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
     """Return task and name of each of the user's own methods, once."""
     tasks = (item for job in jobs for item in job.evaluate.items())
-    return list(dict.fromkeys((name, m) for name, task in tasks for m in task.methods if ":" in m))
+    named = ((task, name) for task, settings in tasks for name in settings.methods)
+    return list(dict.fromkeys((task, name) for task, name in named if TASKS[task].is_own(name)))
 
 
 def _suits(study: Study, job: Job, task: str, method: str) -> bool:
