@@ -22,23 +22,26 @@ import cv2
 import numpy as np
 from process_times import times_now
 
+from eres_render.progress import silent
 from sensor.events import concatenate
 from tasks.evaluation.settings import settings_of
+from tasks.evaluation.source import score_stored
 from tasks.events.reading import Reading
 from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import off_grid
 from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
-from tasks.recording.evaluate import score_recording
 from tasks.recording.flow_windows import spread
 from tasks.recording.frames import Frames, open_frames
-from tasks.recording.options import FlowOptions
+from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
+from tasks.recording.source import sources
 from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.tracks import track
 from tasks.recording.worth import worth_of_events
+from tasks.row import Row
 
 SIZE = 240, 180
 FLOW = ("contrast_maximization", "contrast_maximization_by_gradient", "photometric_flow")
@@ -64,19 +67,29 @@ def opened(folder: Path) -> tuple[Recording, Frames]:
     return recording, frames.later(shift.shift_us)
 
 
+def scored(
+    recording: Recording,
+    task: str,
+    methods: tuple[str, ...],
+    frames: Frames,
+    thresholds: Thresholds,
+    options: FlowOptions = USUAL_FLOW,
+) -> list[Row]:
+    """Score methods with these thresholds, by the time of their windows or images."""
+    settings = settings_of(task, methods)
+    windows = sources(recording, task, settings, frames, thresholds, options, silent)
+    rows = [row for source in windows for row in score_stored(task, source, settings)]
+    return sorted(rows, key=lambda row: row.t_us)
+
+
 def measure_images(recording: Recording, frames: Frames) -> float:
     """Print the scores of images; return the fitted threshold."""
     found = fit_recording(recording, frames)
     print(f"thresholds ON {found.on}, OFF {found.off}, from {found.events} events")
     worth, _ = worth_of_events(recording, frames)
     print(f"an ON event is worth {worth.on:.3f} between two frames, an OFF event {worth.off:.3f}")
-    scores = []
-    for task, names, thresholds in (
-        ("reconstruction", IMAGES, worth),
-        ("video", VIDEO, found.values),
-    ):
-        settings = settings_of(task, names)
-        scores += score_recording(recording, task, settings, frames, thresholds)
+    scores = scored(recording, "reconstruction", IMAGES, frames, worth)
+    scores += scored(recording, "video", VIDEO, frames, found.values)
     for name in (*IMAGES, *VIDEO):
         values = [score.value for score in scores if score.method == name]
         print(f"{name:34}{' '.join(f'{value:6.2f}' for value in values[:12])}  dB")
@@ -86,8 +99,8 @@ def measure_images(recording: Recording, frames: Frames) -> float:
 def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:
     """Print the distance of flow from the tracks, px per frame."""
     start = times_now()
-    settings = settings_of("flow", (*FLOW, "initial_flow"))
-    scores = score_recording(recording, "flow", settings, frames, Thresholds(C, C), options)
+    methods = (*FLOW, "initial_flow")
+    scores = scored(recording, "flow", methods, frames, Thresholds(C, C), options)
     spent = times_now() - start
     for name in (*FLOW, "initial_flow"):
         values = np.array([score.value for score in scores if score.method == name])

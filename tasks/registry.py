@@ -123,8 +123,6 @@ class TaskSpec:
     sample
         Place of the class of a method's first argument, which identifies the method's task. None if
         methods are classes that events are pushed to.
-    planar_only
-        Whether the scene must be a plane.
     share_column
         How tables show failures. None where a method cannot fail.
     """
@@ -137,7 +135,6 @@ class TaskSpec:
     needs: tuple[str, ...] = ()
     settings: str = "tasks.evaluation.settings:TaskSettings"
     sample: str | None = None
-    planar_only: bool = False
     share_column: ShareColumn | None = None
     summary: str = ""
 
@@ -359,7 +356,6 @@ TASKS["tracking"] = TaskSpec(
     needs=("poses", "a plane", "a threshold"),
     settings=f"{_SETTINGS}:Tracking",
     sample="tasks.tracking:TrackingSample",
-    planar_only=True,
     share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
 )
 

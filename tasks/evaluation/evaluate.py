@@ -21,9 +21,10 @@ from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import TaskSettings
-from tasks.evaluation.source import row_of, scorer_of
+from tasks.evaluation.source import row_of
 from tasks.evaluation.stopwatch import Stopwatch
 from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
+from tasks.registry import TASKS, load
 from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
@@ -97,13 +98,15 @@ class _Sensor:
         self._sender = None if setting.readout is None else Sender(setting.readout)
         self._watch = watch
         self._scorers: dict[str, Scorer] = {
-            name: scorer_of(name, self.source, task) for name, task in tasks.items() if task.methods
+            name: load(TASKS[name].scorer)(self.source, task)
+            for name, task in tasks.items()
+            if task.methods
         }
 
     @property
     def event_rate_hz(self) -> float:
         """Events per second that the pixels fire in the window."""
-        return self._in_window / self.setting.seconds
+        return self._in_window / self.source.window.seconds
 
     @property
     def dropped(self) -> float:

@@ -30,57 +30,38 @@ class RenderedClip(Source):
         self.reference, self.setting = reference, setting
         self.model, self.speed = setting.model, setting.speed
         self.window = Window(setting.start_us, setting.end_us)
+        self.size = self.model.width, self.model.height
+        self.contrast_threshold = self.model.contrast_threshold
         self.off_weight = self.model.off_threshold / self.model.contrast_threshold
 
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.model.width, self.model.height
-
-    @property
-    def contrast_threshold(self) -> float:
-        return self.model.contrast_threshold
-
-    @property
     def log_image(self) -> Float64:
         return self.reference.log_image(self.model)
 
-    @property
     def log_start(self) -> Float64:
         return self.reference.log_start(self.model)
 
-    @property
     def log_end(self) -> Float64:
         return self.reference.log_end(self.model)
 
-    @property
     def log_white(self) -> float:
         return self.reference.log_white(self.model)
 
-    @property
     def before_us(self) -> int:
         sequence = self.reference.sequence
         first_us = float(sequence.t_s[0]) / self.speed * 1e6
         if first_us > self.window.before_us + 1:
             start_s, end_s = sequence.window_s
-            if end_s > 2 * start_s:  # of all of the path, for example
-                raise TaskError(
-                    f"dense_flow: found a window from {start_s:g} to {end_s:g} s of the path, "
-                    "expected one with as much of the path before it; render clips, without "
-                    "--continuous"
-                )
             raise TaskError(
                 f"dense_flow: found frames from {first_us * 1e-6 * self.speed:g} s on, expected "
                 f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
-                "render the clip with a longer --warm-up"
+                "render clips, without --continuous, with a longer --warm-up"
             )
         return self.window.before_us
 
-    @property
     def plane(self) -> Plane | None:
         plane = self.reference.truth.plane
         return plane and replace(plane, offset_m=self.setting.scale * plane.offset_m)
 
-    @property
     def camera(self) -> Camera:
         camera = self.reference.camera(*self.size)
         return camera if self.setting.distance == 1.0 else camera.zoomed(self.setting.distance)
@@ -127,9 +108,8 @@ class RenderedClip(Source):
         truth, start_s = self.reference.truth, self.reference.sequence.window_s[0]
         poses = truth.trajectory.pose(start_s + t_s * self.speed)
         poses[..., :3, 3] *= self.setting.scale
-        if self.setting.distance == 1.0 or self.plane is None:
-            return poses
-        return farther(poses, self.plane, self.setting.distance)
+        plane, distance = self.plane(), self.setting.distance
+        return poses if distance == 1.0 or plane is None else farther(poses, plane, distance)
 
     def seeds(self, task: Tracking) -> tuple[int, int]:
         sequence = np.random.SeedSequence([task.seed, self.reference.sequence.manifest.clip])

@@ -12,6 +12,7 @@ from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import settings_of
+from tasks.evaluation.source import ALL, check_needs
 from tasks.methods import check_method
 from tasks.registry import TASKS
 from tasks.row import Row
@@ -74,11 +75,10 @@ def evaluate_sequence(
     for name in names:
         check_method(task, name, weights)
     scene = load_scene(sequence.scene_source)
-    if spec.planar_only and scene.plane is None:
-        raise TaskError(
-            f"{scene.name}: {spec.title} needs a planar scene, one whose scene.toml has a [plane]"
-        )
-    if spec.planar_only and (lens := sequence.camera.distortion) is not None:
+    planar = scene.plane is not None
+    kind = "a rendered sequence" if planar else "a scene without [plane]"
+    check_needs(task, scene.name, kind, ALL if planar else ALL - {"a plane"})
+    if "a plane" in spec.needs and (lens := sequence.camera.distortion) is not None:
         raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
     settings = settings_of(task, names, weights)
     windows_before = max((one.windows_before for one in settings.plan()), default=0)

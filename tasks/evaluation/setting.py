@@ -60,8 +60,3 @@ class Setting:
                 f"speed: found {self.speed:g}, at which a window is shorter than a microsecond, "
                 "expected less"
             )
-
-    @property
-    def seconds(self) -> float:
-        """Length of the window."""
-        return (self.end_us - self.start_us) * 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from tasks.row import Row
 from tasks.variants import NATIVE_PATCH
 
 Float64 = NDArray[np.float64]
+
+ALL = frozenset({"frames", "poses", "a plane", "a threshold", "a change"})
+"""What tasks need, see `TaskSpec.needs`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +86,6 @@ class Images:
     truth: Callable[[int, str], Float64]
 
 
-class Changes(Protocol):
-    """Adds up events as changes of log intensity, in units of the contrast threshold."""
-
-    def push(self, events: Events) -> None:
-        """Take in the next events."""
-
-    def total(self) -> Float64:
-        """Return the sums, (h, w)."""
-
-
 class Polarities:
     """Sums of a window's polarities, in which OFF events have a weight."""
 
@@ -117,106 +110,45 @@ class Source:
     """Events in a window, and what is known of the scene behind them.
 
     A scorer asks only for what its task lists in `TaskSpec.needs`; a source implements what it has.
-
-    Attributes
-    ----------
-    window
-        The scored window.
-    size
-        Width and height of the sensor, px.
-    contrast_threshold
-        C, log units.
-    speed
-        Factor by which the scene is faster than its own time.
-    search_from
-        Whether searches start near the truth, or from zero.
-    off_weight
-        What an OFF event is worth, in units of the contrast threshold.
     """
 
-    window: Window
-    speed: float = 1.0
-    search_from: Literal["truth", "zero"] = "truth"
-    off_weight: float = 1.0
+    window: Window  # the scored one
+    size: tuple[int, int]  # width and height of the sensor, px
+    contrast_threshold: float  # C, log units
+    off_weight: float = 1.0  # what an OFF event is worth, in units of C
+    speed: float = 1.0  # factor by which the scene is faster than its own time
+    search_from: Literal["truth", "zero"] = "truth"  # where searches start
+    parts: Callable[[], Iterator[Events]]  # reads the events, if they are stored
+    # (h, w) log light at the window's start on the sensor's grid, NaN if unknown; (H, W) at its
+    # start and end, as images are compared; log light of white.
+    log_image: Callable[[], Float64]
+    log_start: Callable[[], Float64]
+    log_end: Callable[[], Float64]
+    log_white: Callable[[], float]
+    points: Callable[[Flow | DenseFlow], FlowPoints]  # at which flow is scored
+    images: Callable[[Video], Images]  # of a video
+    # The true path from the window's start on, poses at (N,) seconds after it, the camera, of the
+    # sensor's size, and the plane that it sees.
+    path: Callable[[Tracking], Trajectory]
+    pose: Callable[[Float64], Float64]
+    camera: Callable[[], Camera]
+    plane: Callable[[], Plane | None]
+    # Seeds of the initial path's errors, and of the choice of pixels.
+    seeds: Callable[[Tracking], tuple[int | list[int], int]]
+    # What the row of a score says of the source: scene, cutoff_hz, speed, sample, ..
+    columns: Callable[[Score], dict[str, Any]]
 
-    @property
-    def size(self) -> tuple[int, int]:
-        raise NotImplementedError
-
-    @property
-    def contrast_threshold(self) -> float:
-        raise NotImplementedError
-
-    @property
-    def log_image(self) -> Float64:
-        """(h, w) log light at the window's start on the sensor's grid, NaN if unknown."""
-        raise NotImplementedError
-
-    @property
-    def log_start(self) -> Float64:
-        """(H, W) log light at the window's start, as images are compared."""
-        return self.log_image
-
-    @property
-    def log_end(self) -> Float64:
-        """(H, W) log light at the window's end."""
-        raise NotImplementedError
-
-    @property
-    def log_white(self) -> float:
-        """Log light of white."""
-        return 0.0
-
-    @property
     def before_us(self) -> int:
-        """Start of the window before, whose events the source has, too."""
+        """Return the start of the window before, whose events the source has, too."""
         return self.window.before_us
 
-    @property
-    def plane(self) -> Plane | None:
-        """The plane that the camera sees."""
-        raise NotImplementedError
-
-    @property
-    def camera(self) -> Camera:
-        """The camera, of the sensor's size."""
-        raise NotImplementedError
-
-    def parts(self) -> Iterator[Events]:
-        """Read the events, if they are stored."""
-        raise NotImplementedError
-
-    def changes(self) -> Changes:
-        """Return an empty sum of the window's events."""
+    def changes(self) -> Polarities:
+        """Return an empty sum of the window's events as changes of log intensity, in units of C."""
         return Polarities(self.size, self.window, self.off_weight)
-
-    def points(self, task: Flow | DenseFlow) -> FlowPoints:
-        """Return the points at which flow is scored."""
-        raise NotImplementedError
-
-    def images(self, task: Video) -> Images:
-        """Return the images of a video that are scored."""
-        raise NotImplementedError
 
     def true_light(self, method: str) -> TrueLight:
         """Return the light behind the events, for diagnostics of video."""
-        raise TaskError(f"video: method {method!r} needs the light of a rendered sequence")
-
-    def path(self, task: Tracking) -> Trajectory:
-        """Return the true path from the window's start on."""
-        raise NotImplementedError
-
-    def pose(self, t_s: Float64) -> Float64:
-        """Return the (N, 4, 4) true poses, at seconds after the window's start."""
-        raise NotImplementedError
-
-    def seeds(self, task: Tracking) -> tuple[int | list[int], int]:
-        """Return the seeds of the initial path's errors and of the choice of pixels."""
-        raise NotImplementedError
-
-    def columns(self, score: Score) -> dict[str, Any]:
-        """Return what the row of a score says of the source: scene, cutoff, speed, sample, .."""
-        raise NotImplementedError
+        raise TaskError(f"video, method {method!r}: needs the true light, a rendered sequence")
 
 
 def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]) -> FlowPoints:
@@ -246,26 +178,16 @@ def check_needs(task: str, where: object, kind: str, has: frozenset[str]) -> Non
         )
 
 
-def scorer_of(task: str, source: Source, settings: TaskSettings) -> Scorer:
-    """Return the scorer of a task, made from a source."""
-    scorer: Scorer = load(TASKS[task].scorer)(source, settings)
-    return scorer
-
-
 def row_of(
     task: str, source: Source, score: Score, event_rate_hz: float, dropped: float = 0.0
 ) -> Row:
     """Return a score as a row."""
-    values = {
-        "method": score.method,
+    names = "method", "value", "variant", "item", "failure"
+    values = {name: getattr(score, name) for name in names} | {
         "width": source.size[0],
         "contrast_threshold": source.contrast_threshold,
         "metric": score.metric or TASKS[task].metric.name,
-        "value": score.value,
         "event_rate_hz": event_rate_hz,
-        "variant": score.variant,
-        "item": score.item,
-        "failure": score.failure,
         "dropped": dropped,
     }
     return Row(task=task, **{**values, **source.columns(score)})
@@ -273,7 +195,8 @@ def row_of(
 
 def score_stored(task: str, source: Source, settings: TaskSettings) -> list[Row]:
     """Score the methods of a task on stored events."""
-    scorer, window = scorer_of(task, source, settings), source.window
+    scorer: Scorer = load(TASKS[task].scorer)(source, settings)
+    window = source.window
     count = 0
     for events in source.parts():
         scorer.push(events)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
-from tasks.evaluation.settings import TaskSettings, settings_of
-from tasks.evaluation.source import check_needs, score_stored
+from tasks.evaluation.settings import settings_of
+from tasks.evaluation.source import ALL, check_needs, score_stored
 from tasks.methods import check_method
 from tasks.methods.contrast_maximization import AT_BOUND, UNDETERMINED
 from tasks.recording.clock import on_one_clock
@@ -30,8 +30,6 @@ from tasks.recording.window_length import with_motion
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 from tasks.row import Row
-
-_HAS = frozenset({"frames", "a threshold", "a change"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,14 +97,11 @@ def evaluate_recording(
         and events do not fit.
     """
     spec = TASKS[task]
-    check_needs(task, recording.path, "a recording", _HAS)
-    by_frames = "frames" in spec.needs
-    if frames is None and by_frames:
-        raise TaskError(
-            f"{recording.path}: {spec.title} is scored against frames, expected --frames; "
-            "`eres video` makes images without"
-        )
-    if by_frames and flow != USUAL_FLOW:
+    has = ALL - {"poses", "a plane"}
+    check_needs(task, recording.path, "a recording", has)
+    if frames is None:
+        check_needs(task, recording.path, "a recording without --frames", has - {"frames"})
+    if "frames" in spec.needs and flow != USUAL_FLOW:
         raise TaskError(
             f"{recording.path}: found options of windows or patches for {spec.title}, "
             "expected them only for flow"
@@ -122,55 +117,14 @@ def evaluate_recording(
     used = any("threshold" in spec.method(name).needs for name in names)
     seen = frames if used else None
     thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
-    rows = score_recording(recording, task, settings, frames, thresholds, flow, on_progress)
-    return RecordingEvaluation(rows, [*notes, *_failures(rows)])
-
-
-def score_recording(
-    recording: Recording,
-    task: str,
-    settings: TaskSettings,
-    frames: Frames | None,
-    thresholds: Thresholds,
-    flow: FlowOptions = USUAL_FLOW,
-    on_progress: Progress = silent,
-) -> list[Row]:
-    """Score the methods of a task, with frames on the clock of the events and known thresholds.
-
-    Parameters
-    ----------
-    recording
-        The events.
-    task, settings
-        Name of the task, and its settings with the methods.
-    frames
-        Frames of the same camera, if there are any.
-    thresholds
-        Contrast thresholds. Methods get one for both polarities, and sums of events that account
-        for the difference.
-    flow
-        Windows, with their length if there are no frames, and patches.
-    on_progress
-        Called with the stage, the amount done, and the total.
-
-    Returns
-    -------
-    Rows by the time of their windows or images. Flow is compared with tracks in the frames or,
-    without frames, scored by the contrast gain, 1 for zero flow; images are compared with the
-    frames, in whose PSNR the peak is white.
-
-    Raises
-    ------
-    TaskError
-        The recording is shorter than a window, or has nothing to score.
-    """
     windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
     rows = [row for source in windows for row in score_stored(task, source, settings)]
     if not rows:
         raise TaskError(
             f"{recording.path}: found nothing to follow in any window, expected corners"
         )
-    return sorted(rows, key=lambda row: row.t_us)
+    rows.sort(key=lambda row: row.t_us)
+    return RecordingEvaluation(rows, [*notes, *_failures(rows)])
 
 
 def _failures(rows: Sequence[Row]) -> list[str]:
@@ -205,11 +159,6 @@ def _methods(
     names = tuple(given) or spec.usual(weights or ())
     for name in names:
         check_method(task, name, weights, [recording.size])
-        if spec.method(name).role == "diagnostic":
-            raise TaskError(
-                f"{recording.path}: method {name!r} needs the true light, which a recording does "
-                "not have"
-            )
     for name in given:
         if frames is None and "light" in spec.method(name).needs:
             raise TaskError(

@@ -27,7 +27,7 @@ from tasks.recording.frames import Frames
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording
-from tasks.recording.tracks import strong_corners, track
+from tasks.recording.tracks import strong_corners
 
 END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
 """Distance from the tracks of the frames; contrast of the events moved back along a flow, over that
@@ -36,35 +36,15 @@ of the unmoved events."""
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Values that all samples of a recording have in common.
+    """Patches and searches of a recording whose sensor has some width, px."""
 
-    Parameters
-    ----------
-    patch_px
-        Side of a patch, px.
-    sigma_px
-        Standard deviation of the flow around zero per component, px.
-    """
+    options: FlowOptions
+    width: int
 
-    patch_px: int
-    sigma_px: float
-
-    @classmethod
-    def of(cls, options: FlowOptions, width: int) -> Start:
-        """Return the values for a sensor.
-
-        Parameters
-        ----------
-        options
-            Windows and patches.
-        width
-            Width of the sensor, px.
-
-        Returns
-        -------
-        Start
-        """
-        return cls(options.patch_px, (options.search_px or width / 16) / REACH_SIGMAS)
+    @property
+    def sigma_px(self) -> float:
+        """Standard deviation of the flow around zero per component, px."""
+        return (self.options.search_px or self.width / 16) / REACH_SIGMAS
 
     @property
     def reach_px(self) -> float:
@@ -94,7 +74,7 @@ class Start:
             log_image=np.broadcast_to(np.nan, (events.height, events.width)),
             contrast_threshold=math.nan,
             center_px=center_px,
-            side_px=self.patch_px,
+            side_px=self.options.patch_px,
             initial=np.zeros(2),
             initial_sigma_px=self.sigma_px,
         )
@@ -205,42 +185,14 @@ def spread(numbers: Sequence[int], most: int) -> list[int]:
     return [numbers[int((k + 0.5) * len(numbers) / most)] for k in range(most)]
 
 
-class Tracks:
-    """Tracks of corners from a frame to the next one, and how far a flow is from them."""
-
-    metric = END_POINT_ERROR
-
-    def __init__(self, frames: Frames, k: int, features: int) -> None:
-        found = track(frames.light(k), frames.light(k + 1), features)
-        self.centers_px, self._flow_px = found.start_px, found.flow_px
-
-    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Return the distance of a flow from the track, px.
-
-        Parameters
-        ----------
-        item
-            Index of the point.
-        flow_px
-            (2,) the flow, px per window.
-
-        Returns
-        -------
-        float
-        """
-        return float(np.linalg.norm(flow_px - self._flow_px[item]))
-
-
 class Sharpness:
     """How much sharper the events around corners become when moved back along a flow."""
 
-    metric = CONTRAST_GAIN
-
-    def __init__(self, window: Window, events: Events, start: Start, features: int) -> None:
+    def __init__(self, window: Window, events: Events, start: Start) -> None:
         self._reach_px = start.reach_px
         self._farthest_px = float(max(events.width, events.height))
         self._samples, self._gains, centers_px = [], [], []
-        for center_px in event_corners(events)[:features]:
+        for center_px in event_corners(events)[: start.options.features]:
             sample = start.sample(events, window, center_px)
             if len(sample.t):
                 self._samples.append(sample)
@@ -248,12 +200,12 @@ class Sharpness:
                 centers_px.append(center_px)
         self.centers_px = np.array(centers_px).reshape(-1, 2)
 
-    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
+    def value(self, k: int, flow_px: NDArray[np.float64]) -> float:
         """Return the gain of a flow, 1 for zero flow; flow beyond the sensor is cut.
 
         Parameters
         ----------
-        item
+        k
             Index of the point.
         flow_px
             (2,) the flow, px per window.
@@ -265,8 +217,8 @@ class Sharpness:
         flow_px = np.clip(flow_px, -self._farthest_px, self._farthest_px)
         reach_px = float(np.abs(flow_px).max())
         if reach_px <= self._reach_px:
-            return self._gains[item](flow_px)
-        return _gain(self._samples[item], reach_px)(flow_px)
+            return self._gains[k](flow_px)
+        return _gain(self._samples[k], reach_px)(flow_px)
 
 
 def _gain(sample: FlowSample, reach_px: float) -> Callable[[NDArray[np.float64]], float]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -16,20 +16,27 @@ from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Video
-from tasks.evaluation.source import FlowPoints, Images, Source, Window
-from tasks.recording.flow_windows import Sharpness, Start, Tracks, windows_of
+from tasks.evaluation.source import FlowPoints, Images, Polarities, Source, Window
+from tasks.recording.flow_windows import (
+    CONTRAST_GAIN,
+    END_POINT_ERROR,
+    Sharpness,
+    Start,
+    windows_of,
+)
 from tasks.recording.frames import Frames
 from tasks.recording.options import FlowOptions
-from tasks.recording.pairs import PairSums, inside, sums
+from tasks.recording.pairs import inside, sums
 from tasks.recording.recording import Recording, cut
 from tasks.recording.threshold import Thresholds
+from tasks.recording.tracks import track
 from tasks.registry import TASKS
 from tasks.video import picture
 
 Float64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(eq=False, kw_only=True)
 class RecordingWindow(Source):
     """A window of a recording.
 
@@ -39,35 +46,30 @@ class RecordingWindow(Source):
         Number of the window.
     frame
         Index of the frame at its start.
-    events
-        Events of the window and, if the task needs them, before it; None for all of the recording.
+    stream
+        Events of the window and, if the task needs them, before it.
     """
 
-    search_from: Literal["truth", "zero"] = "zero"
+    search_from: Literal["truth", "zero"] = field(default="zero", init=False)
     recording: Recording
     frames: Frames | None
     thresholds: Thresholds
     options: FlowOptions
     window: Window
+    stream: Iterable[Events]
     sample: int = 0
     frame: int = 0
-    events: Events | None = None
 
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.recording.size
+    def __post_init__(self) -> None:
+        self.size, self.contrast_threshold = self.recording.size, self.thresholds.mean
 
-    @property
-    def contrast_threshold(self) -> float:
-        return self.thresholds.mean
-
-    @cached_property
     def log_image(self) -> Float64:
         if self.frames is None:
             return np.full(self.size[::-1], np.nan)
         return self.frames.log_light(self.frame)
 
-    @property
+    log_start = log_image
+
     def log_end(self) -> Float64:
         return self._frames.log_light(self.frame + 1)
 
@@ -78,28 +80,30 @@ class RecordingWindow(Source):
 
     def parts(self) -> Iterator[Events]:
         """Read the events."""
-        return self.recording.parts() if self.events is None else iter([self.events])
+        return iter(self.stream)
 
     def changes(self) -> _WeightedEvents:
         return _WeightedEvents(self._frames, self.frame, self.thresholds)
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
-        start, features = Start.of(self.options, self.size[0]), self.options.features
-        reference: Tracks | Sharpness
+        start = Start(self.options, self.size[0])
         if self.frames is not None:
-            reference = Tracks(self.frames, self.frame, features)
+            before, after = self.frames.light(self.frame), self.frames.light(self.frame + 1)
+            tracks = track(before, after, self.options.features)
+            metric, centers_px, value = END_POINT_ERROR, tracks.start_px, tracks.distance_px
         else:
-            assert self.events is not None, "flow has windows"
-            during = self.events.between(self.window.start_us, self.window.end_us)
-            reference = Sharpness(self.window, during, start, features)
+            (events,) = self.stream
+            during = events.between(self.window.start_us, self.window.end_us)
+            sharpness = Sharpness(self.window, during, start)
+            metric, centers_px, value = CONTRAST_GAIN, sharpness.centers_px, sharpness.value
         return FlowPoints(
-            metric=reference.metric,
-            centers_px=reference.centers_px,
-            initial_px=np.zeros_like(reference.centers_px),
+            metric=metric,
+            centers_px=centers_px,
+            initial_px=np.zeros_like(centers_px),
             sigma_px=start.sigma_px,
-            sides={start.patch_px: [""]},
-            value=reference.value,
-            items=range(len(reference.centers_px)),
+            sides={self.options.patch_px: [""]},
+            value=value,
+            items=range(len(centers_px)),
         )
 
     def images(self, task: Video) -> Images:
@@ -114,6 +118,9 @@ class RecordingWindow(Source):
             truth=lambda i, name: picture(frames.log_light(kept[i]), self.size[::-1], name),
         )
 
+    def log_white(self) -> float:
+        return 0.0
+
     def columns(self, score: Score) -> dict[str, Any]:
         model = self.recording.header.model
         frames, end_us = self.frames, self.window.end_us
@@ -127,19 +134,18 @@ class RecordingWindow(Source):
         }
 
 
-class _WeightedEvents:
+class _WeightedEvents(Polarities):
     """Sums of the events from a frame to the next one, weighted by their exposures."""
 
     def __init__(self, frames: Frames, k: int, thresholds: Thresholds) -> None:
         self._frames, self._k, self._thresholds = frames, k, thresholds
-        self._sums = PairSums(np.zeros(()), np.zeros(()))
+        self._change = np.zeros(())
 
     def push(self, events: Events) -> None:
-        found = sums(events, self._frames, self._k)
-        self._sums = PairSums(self._sums.on + found.on, self._sums.off + found.off)
+        self._change = self._change + self._thresholds.change(sums(events, self._frames, self._k))
 
     def total(self) -> Float64:
-        return self._thresholds.change(self._sums) / self._thresholds.mean
+        return np.asarray(self._change / self._thresholds.mean)
 
 
 def sources(
@@ -156,11 +162,12 @@ def sources(
     A task on continuous stretches has all of the recording, one that needs frames every pair of
     them, and others the windows of the options.
     """
-    common: dict[str, Any] = {
-        **{"recording": recording, "frames": frames, "thresholds": thresholds, "options": options}
-    }
+    part_of = partial(
+        RecordingWindow, recording=recording, frames=frames, thresholds=thresholds, options=options
+    )
     if any(one.continuous_s for one in settings.plan()):
-        yield RecordingWindow(**common, window=Window(recording.start_us, recording.end_us))
+        whole = Window(recording.start_us, recording.end_us)
+        yield part_of(window=whole, stream=_reported(recording, task, on_progress))
         return
     with_before = any(one.windows_before for one in settings.plan())
     if frames is not None and "frames" in TASKS[task].needs:
@@ -173,5 +180,13 @@ def sources(
     cuts = [(start_us, one.end_us) for start_us, (one, _) in zip(starts_us, windows, strict=True)]
     for i, events in enumerate(cut(recording.parts(), cuts)):
         window, frame = windows[i]
-        yield RecordingWindow(**common, window=window, sample=i, frame=frame, events=events)
+        yield part_of(window=window, stream=[events], sample=i, frame=frame)
         on_progress(task, i + 1, len(windows))
+
+
+def _reported(recording: Recording, task: str, on_progress: Progress) -> Iterator[Events]:
+    seen = 0
+    for events in recording.parts():
+        yield events
+        seen += len(events)
+        on_progress(task, seen, recording.count)

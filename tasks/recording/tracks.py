@@ -38,6 +38,10 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.start_px)
 
+    def distance_px(self, k: int, flow_px: NDArray[np.float64]) -> float:
+        """Return how far a flow is from the displacement of a corner."""
+        return float(np.linalg.norm(flow_px - self.flow_px[k]))
+
 
 _NONE = Tracks(np.empty((0, 2)), np.empty((0, 2)))
 

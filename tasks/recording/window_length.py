@@ -63,7 +63,7 @@ def with_motion(
     check(options)
     whole_us = recording.end_us - recording.start_us
     longest_us = min(_LONGEST_US, max(1, whole_us // (2 if with_before else 1)))
-    start = Start.of(options, recording.size[0])
+    start = Start(options, recording.size[0])
     enough_px = min(ENOUGH_PX, 0.5 * start.reach_px)
     least_px = 0.5 * enough_px
     begins_us = np.unique(np.linspace(0, whole_us - longest_us, _PLACES).astype(np.int64))

@@ -17,13 +17,13 @@ from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
 from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video
-from tasks.evaluation.source import check_needs, score_stored
+from tasks.evaluation.source import ALL, check_needs, score_stored
 from tasks.flow import INITIAL_SIGMA_PX
 from tasks.rig.cells import in_cells
 from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.places import Window
 from tasks.rig.prints import Print, prints_of
-from tasks.rig.source import HAS, MOST_ITEMS, Crop, CropSource
+from tasks.rig.source import MOST_ITEMS, Crop, CropSource
 from tasks.row import Row
 from tasks.tracking import PATH_S
 
@@ -76,8 +76,10 @@ class RigEvaluation:
 
     def tasks(self) -> dict[str, TaskSettings]:
         """Return the settings of each task."""
-        tracking = Tracking(methods=self.tracking)
-        longer = 1 + 1e-6 * tracking.delay_us / PATH_S
+        sigmas_mm = (self.initial_sigma_mm,)
+        tracking = Tracking(methods=self.tracking, sigmas_mm=sigmas_mm, seed=self.seed)
+        delay_us = tracking.delay_us
+        events = int(_MOST_EVENTS / (1 + 1e-6 * delay_us / PATH_S))
         return {
             "flow": Flow(
                 methods=self.flow,
@@ -86,13 +88,7 @@ class RigEvaluation:
                 initial_sigma_px=self.initial_sigma_px,
                 seed=self.seed,
             ),
-            "tracking": replace(
-                tracking,
-                sigmas_mm=(self.initial_sigma_mm,),
-                max_events=int(_MOST_EVENTS / longer),
-                max_delay_us=tracking.delay_us,
-                seed=self.seed,
-            ),
+            "tracking": replace(tracking, max_events=events, max_delay_us=delay_us),
             "video": Video(methods=self.video),
         }
 
@@ -123,7 +119,7 @@ def evaluate_rig(
     every = {task: one for task, one in every.items() if one.methods}
     found_in = {one.resolve(): one for folder in folders for one in crops_in(folder)}
     for task in every:
-        check_needs(task, folders[0], "a crop", HAS)
+        check_needs(task, folders[0], "a crop", ALL)
     crops = {one: read_crop(one) for one in found_in.values()}  # each once
     prints = prints_of(crops, settings.places, settings.travel_m)
     found: list[list[Row]] = []

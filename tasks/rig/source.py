@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -19,7 +19,6 @@ from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, V
 from tasks.evaluation.source import FlowPoints, Images, Source, true_points
 from tasks.flow import Features
 from tasks.reconstruction import log_white_level
-from tasks.rig.bundle import RigPose
 from tasks.rig.crop import Cropped
 from tasks.rig.page_view import page_view
 from tasks.rig.places import Way, Window
@@ -29,7 +28,6 @@ from tasks.video import picture
 
 Float64 = NDArray[np.float64]
 
-HAS = frozenset({"frames", "poses", "a plane", "a threshold", "a change"})
 MOST_ITEMS = 1_000_000
 """Items of a task in a visit to a place."""
 
@@ -47,17 +45,6 @@ class Crop:
     events: Events
     contrast_threshold: float
     cutoff_hz: float
-    camera: Camera = field(init=False)
-    pose: RigPose = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "camera", self.cropped.camera())
-        object.__setattr__(self, "pose", self.cropped.pose.pose())
-
-    def log_view(self, x_m: float) -> Float64:
-        """Return the log light of the page at a position of the slider."""
-        light = self.printed.page, self.printed.light
-        return np.log(page_view(self.camera, self.pose, x_m, *light) + DARK_FRACTION)
 
 
 class CropSource(Source):
@@ -65,37 +52,34 @@ class CropSource(Source):
 
     def __init__(self, crop: Crop, windows: Sequence[Window]) -> None:
         self._crop, self._windows = crop, windows
-        self._first = windows[0]
+        self._first, self._camera = windows[0], crop.cropped.camera()
+        self._pose = crop.cropped.pose.pose()
         self.window = source.Window(windows[0].start_us, windows[-1].end_us)
-        self._log_view = cache(crop.log_view)
+        self.size = self._camera.width, self._camera.height
+        self.contrast_threshold = crop.contrast_threshold
+        self._log_view = cache(self._seen)
 
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.camera.width, self.camera.height
-
-    @property
-    def contrast_threshold(self) -> float:
-        return self._crop.contrast_threshold
-
-    @property
     def camera(self) -> Camera:
-        return self._crop.camera
+        return self._camera
 
-    @property
     def plane(self) -> Plane:
         return _PLANE
 
-    @property
     def log_image(self) -> Float64:
         return self._log_view(self._first.x_m[0])
 
-    @property
+    log_start = log_image
+
     def log_end(self) -> Float64:
         return self._log_view(self._first.x_m[1])
 
-    @property
     def log_white(self) -> float:
-        return log_white_level(self.log_end)
+        return log_white_level(self.log_end())
+
+    def _seen(self, x_m: float) -> Float64:
+        """Return the log light of the page at a position of the slider."""
+        light = self._crop.printed.page, self._crop.printed.light
+        return np.log(page_view(self._camera, self._pose, x_m, *light) + DARK_FRACTION)
 
     def covers(self, task: TaskSettings) -> bool:
         """Return whether the recording lasts long enough around the window for a task."""
@@ -118,7 +102,7 @@ class CropSource(Source):
         numbers, centers_px, flow_px
             (N,) numbers of the corners, the same in all crops, (N, 2) px, and (N, 2) px.
         """
-        pose, camera, window = self._crop.pose, self.camera, self._first
+        pose, camera, window = self._pose, self._camera, self._first
         points_m = self._crop.printed.corners_m(window.place)[:count]
         start_px, end_px = pose.project(camera, points_m, window.x_m)
         kept = are_inside(camera, start_px) & are_inside(camera, end_px)
@@ -144,7 +128,7 @@ class CropSource(Source):
 
     def pose(self, t_s: Float64) -> Float64:
         x_m = self._crop.way.slider.position_m(self.window.start_us + 1e6 * t_s)
-        return self._crop.pose.at(x_m)
+        return self._pose.at(x_m)
 
     def seeds(self, task: Tracking) -> tuple[list[int], int]:
         return [task.seed, self._first.place, self._first.back], 0
@@ -155,7 +139,7 @@ class CropSource(Source):
         return {
             "scene": crop.cropped.scene,
             "cutoff_hz": crop.cutoff_hz,
-            "speed": round(window.encoder_mps * crop.pose.scale, 4),
+            "speed": round(window.encoder_mps * self._pose.scale, 4),
             "sample": window.place,
             "event_rate_hz": 1e6 * count / (window.end_us - window.start_us),
             "item": window.visit * MOST_ITEMS + score.item,

@@ -623,7 +623,7 @@ def test_tasks_that_need_more_say_it(made, eres):
     """Promise: pose tracking, and images without frames, are refused with what is missing."""
     for task, said in (
         ("tracking", "needs poses and a plane, which a recording does not have"),
-        ("video", "expected --frames"),
+        ("video", "needs frames, which a recording without --frames does not have"),
         ("dense_flow", "needs a network, expected --method our_flow_all_light, --weights"),
     ):
         code, _, err = eres("evaluate", made.events_file, "--task", task)

@@ -22,7 +22,7 @@ class DenseFlowScorer:
     def __init__(self, source: Source, task: DenseFlow) -> None:
         self._task = task
         start_us, end_us = source.window.start_us, source.window.end_us
-        self._windows = (source.before_us, start_us), (start_us, end_us)
+        self._windows = (source.before_us(), start_us), (start_us, end_us)
         self._points = source.points(task)
         self._before: list[Events] = []
         self._during: list[Events] = []

@@ -45,7 +45,7 @@ class FlowScorer:
         if from_zero:
             for name in {*_BY_CONTRAST} & {*methods}:
                 methods[name] = partial(determined, methods[name])
-        events = concatenate(self._parts)
+        log_image, events = source.log_image(), concatenate(self._parts)
         self._parts = []
         spec = TASKS["flow"]
         near = {name for name in methods if "guess" in spec.method(name).needs}
@@ -55,7 +55,7 @@ class FlowScorer:
                     events,
                     source.window.start_us,
                     source.window.end_us,
-                    log_image=source.log_image,
+                    log_image=log_image,
                     contrast_threshold=source.contrast_threshold,
                     center_px=points.centers_px[k],
                     side_px=side_px,

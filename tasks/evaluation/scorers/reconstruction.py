@@ -30,12 +30,12 @@ class ReconstructionScorer:
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method."""
         source = self._source
-        log_start, log_end = source.log_start, source.log_end
+        log_start, log_end = source.log_start(), source.log_end()
         sample = ReconstructionSample(log_start, self._changes.total(), source.contrast_threshold)
         for name in self._task.methods:
             options = {"upsampling": self._task.upsampling} if name == "event_integration" else {}
             method = load_method("reconstruction", name)
             answer, cpu_s = ask("reconstruction", name, method, sample, **options)
             prediction, failure = image_answer("reconstruction", name, answer, log_start)
-            value = psnr_db(prediction, log_end, source.log_white)
+            value = psnr_db(prediction, log_end, source.log_white())
             yield Score(name, value, failure=failure, events=self._events, cpu_s=cpu_s)

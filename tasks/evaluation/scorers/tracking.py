@@ -67,10 +67,10 @@ class TrackingScorer:
             sample = tracking_sample(
                 events,
                 self._start_us,
-                log_image=source.log_image,
+                log_image=source.log_image(),
                 contrast_threshold=source.contrast_threshold,
-                camera=source.camera,
-                plane=source.plane,
+                camera=source.camera(),
+                plane=source.plane(),
                 T_0=source.pose(np.zeros(1))[0],
                 initial=perturbed(self._truth, 1e-3 * sigma_mm, self._path_seed),
                 initial_sigma_m=1e-3 * sigma_mm,

@@ -210,7 +210,7 @@ def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettin
         for stretches, planned in settings.plan().items():
             if not planned.methods or scene.name not in (stretches.scenes or [scene.name]):
                 continue
-            if TASKS[task].planar_only and scene.plane is None:
+            if "a plane" in TASKS[task].needs and scene.plane is None:
                 _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
                 continue
             found.setdefault(stretches._replace(scenes=()), {})[task] = planned
@@ -315,7 +315,7 @@ def _suits(study: Study, job: Job, task: str, method: str) -> bool:
     if task in job.evaluate and method in job.evaluate[task].methods:
         return True
     has_own_clips = any(at.windows_before or at.window_s for at in study.evaluate[task].plan())
-    return not has_own_clips and not (TASKS[task].planar_only and job.scene.plane is None)
+    return not has_own_clips and not ("a plane" in TASKS[task].needs and job.scene.plane is None)
 
 
 def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:

@@ -417,13 +417,14 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
         one = _load(folder, crops[folder], printed, settings)
         found = _windows(one, settings.travel_m)
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
-        middle_px = 0.5 * np.array([[one.camera.width, one.camera.height]])
+        pose, camera = one.cropped.pose.pose(), one.cropped.camera()
+        middle_px = 0.5 * np.array([[camera.width, camera.height]])
         along = np.array(near.pose.direction[:2]) / np.linalg.norm(near.pose.direction[:2])
         for window in found:
-            at_m = on_page(one.pose, one.camera, middle_px, np.mean(window.x_m))[0] @ along
+            at_m = on_page(pose, camera, middle_px, np.mean(window.x_m))[0] @ along
             assert at_m == pytest.approx(printed.places_m[window.place], abs=1e-5)
             numbers, centers_px, _ = CropSource(one, [window]).corners(12)
-            seen_m = on_page(one.pose, one.camera, centers_px, window.x_m[0])
+            seen_m = on_page(pose, camera, centers_px, window.x_m[0])
             assert len(numbers) > 3
             for number, at_m in zip(numbers.tolist(), seen_m, strict=True):
                 points.setdefault((window.place, number), []).append(at_m)
