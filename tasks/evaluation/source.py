@@ -148,7 +148,7 @@ class Source:
 
     def true_light(self, method: str) -> TrueLight:
         """Return the light behind the events, for diagnostics of video."""
-        raise TaskError(f"video, method {method!r}: needs the true light, a rendered sequence")
+        raise TaskError(f"video, method {method!r}: needs the light of a rendered sequence")
 
 
 def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]) -> FlowPoints:
