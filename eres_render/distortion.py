@@ -23,8 +23,8 @@ Float64 = NDArray[np.float64]
 
 _CLOSE = 1e-13  # error on the image plane at distance 1 at which the search ends
 _CLOSE_ENOUGH = 1e-12
-_LEAST_COEFFICIENT = 1e-60  # smaller ones bend nothing, and overflow in the search for roots
-_MOST_STEPS = 200  # needed far out, where r^7 dominates; pixels of an image take about 5
+_MIN_COEFFICIENT = 1e-60  # smaller ones bend nothing, and overflow in the search for roots
+_MAX_STEPS = 200  # needed far out, where r^7 dominates; pixels of an image take about 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class Distortion:
         step_x = step_y = np.zeros(x.shape)
         left = np.full(x.shape, np.inf)
         close = 1 + np.hypot(x, y)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             there_x, there_y, xx, xy, yx, yy = _bent(try_x, try_y, self)
             off_x, off_y = wanted_x - there_x, wanted_y - there_y
             off = np.hypot(off_x, off_y)
@@ -175,7 +175,7 @@ def _reach(lens: Distortion) -> float:
     # The eigenvalues of the radial terms: d(r f)/dr along the radius and f across it.
     along = [7 * lens.k3, 0, 5 * lens.k2, 0, 3 * lens.k1, tangential, 1]
     across = [lens.k3, 0, lens.k2, 0, lens.k1, tangential, 1]
-    kept = [np.where(np.abs(one) > _LEAST_COEFFICIENT, one, 0.0) for one in (along, across)]
+    kept = [np.where(np.abs(one) > _MIN_COEFFICIENT, one, 0.0) for one in (along, across)]
     roots = np.concatenate([np.roots(one) for one in kept])
     real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
     return float(real.min(initial=math.inf))

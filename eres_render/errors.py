@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from errno import EINVAL
 from pathlib import Path
 
-_MOST_CHARACTERS = 500  # of what a library says, which may be a part of the file
+_MAX_CHARACTERS = 500  # of what a library says, which may be a part of the file
 
 
 class RenderError(ValueError):
@@ -99,7 +99,7 @@ def _reason(found: Exception) -> str:
     """Return what an error says, in one line, or its name."""
     if isinstance(found, RecursionError):
         return "nested too deep"
-    return " ".join(str(found).split())[:_MOST_CHARACTERS] or type(found).__name__
+    return " ".join(str(found).split())[:_MAX_CHARACTERS] or type(found).__name__
 
 
 def nearest(name: str, known: Collection[str]) -> str:

@@ -16,8 +16,8 @@ from threading import Lock
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-_LARGEST_SHARE = 0.7  # of the limit: a larger block would push out most of the others
-_LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
+_MAX_SHARE = 0.7  # of the limit: a larger block would push out most of the others
+_MIN_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
 _CACHE_LINE = 64  # vectors across two lines are slower
 
 
@@ -65,7 +65,7 @@ class Memory:
     def array(self, shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
         """Return an array of arbitrary content that starts at a cache line."""
         size = math.prod(shape if isinstance(shape, tuple) else (shape,)) * np.dtype(dtype).itemsize
-        if size < _LEAST_BYTES:
+        if size < _MIN_BYTES:
             block = np.empty(size + _CACHE_LINE, np.uint8)
         else:
             with self._lock:
@@ -87,7 +87,7 @@ class Memory:
             # Round up, so that the block also fits arrays of similar size.
             step = 1 << (size.bit_length() - 3)
             block = self._allocate(-(-size // step) * step)
-            if block.size > _LARGEST_SHARE * self._limit:
+            if block.size > _MAX_SHARE * self._limit:
                 return block
             # Results that the caller keeps are forgotten too, or they would fill the limit.
             sizes = np.cumsum([0, *(kept.size for kept in self._blocks)])

@@ -14,8 +14,8 @@ from sensor.numbers import real, refusal, whole
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
 MAX_TIME_S = 9.2e12  # 2^63 us, nearly
-LEAST_THRESHOLD, LARGEST_THRESHOLD = 1e-9, 1e6  # a double resolves far smaller steps
-LEAST_FILL_FACTOR = 1e-6
+MIN_THRESHOLD, MAX_THRESHOLD = 1e-9, 1e6  # a double resolves far smaller steps
+MIN_FILL_FACTOR = 1e-6
 _CUTOFF_HZ_PER_LUX = 3.0
 
 Photoreceptor = Literal["two_pole", "one_pole", "v2e"]
@@ -178,9 +178,9 @@ class SensorModel:
             if name == "contrast_threshold" or self.contrast_threshold_off is not None:
                 check_number(
                     name,
-                    f"a number from {LEAST_THRESHOLD:g} to {LARGEST_THRESHOLD:g} (log units; 0.2 "
+                    f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 "
                     "is usual)",
-                    lambda C: LEAST_THRESHOLD <= C <= LARGEST_THRESHOLD,
+                    lambda C: MIN_THRESHOLD <= C <= MAX_THRESHOLD,
                 )
         check_number(
             "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0
@@ -199,8 +199,8 @@ class SensorModel:
             )
         check_number(
             "fill_factor",
-            f"a share from {LEAST_FILL_FACTOR:g} to 1",
-            lambda share: LEAST_FILL_FACTOR <= share <= 1,
+            f"a share from {MIN_FILL_FACTOR:g} to 1",
+            lambda share: MIN_FILL_FACTOR <= share <= 1,
         )
         check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
         check_number(

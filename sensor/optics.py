@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sensor.errors import SensorError
 from sensor.kernels.radiance import Overlap, integrate_area
-from sensor.model import LEAST_FILL_FACTOR
+from sensor.model import MIN_FILL_FACTOR
 from sensor.numbers import refusal, whole
 
 
@@ -96,8 +96,8 @@ def integrate(
     for name, side in (("height", height), ("width", width)):
         if whole(name, side, "a positive integer, px") < 1:
             raise refusal(name, side, "a positive integer, px")
-    if not LEAST_FILL_FACTOR <= fill_factor <= 1:
-        raise refusal("fill_factor", fill_factor, f"a share from {LEAST_FILL_FACTOR:g} to 1")
+    if not MIN_FILL_FACTOR <= fill_factor <= 1:
+        raise refusal("fill_factor", fill_factor, f"a share from {MIN_FILL_FACTOR:g} to 1")
     short = frame.dtype.kind == "f" and frame.dtype.itemsize <= 4
     frame = frame.astype(np.float32 if short else np.float64, copy=False)
     out = np.empty((height, width))

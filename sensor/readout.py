@@ -33,7 +33,7 @@ from sensor.events import Columns, Events, concatenate
 from sensor.kernels import fifo
 from sensor.numbers import real, refusal, whole
 
-_MOST_SLOTS = 100_000_000  # of a FIFO, which is in memory
+_MAX_SLOTS = 100_000_000  # of a FIFO, which is in memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class Readout:
             object.__setattr__(self, name, number)  # a Python number, for files
 
         check("max_rate_hz", real, "a positive number of events per second", math.ulp(0.0))
-        check("fifo_depth", whole, f"an integer from 1 to {_MOST_SLOTS:,}", 1, _MOST_SLOTS)
+        check("fifo_depth", whole, f"an integer from 1 to {_MAX_SLOTS:,}", 1, _MAX_SLOTS)
         check("row_overhead_s", real, "seconds >= 0", 0)
 
 

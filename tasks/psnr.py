@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 
-MOST_PSNR_DB = 100.0
+MAX_PSNR_DB = 100.0
 """PSNR of identical pictures, dB, as of a camera at rest; infinite scores have no differences."""
 
 
@@ -21,7 +21,7 @@ def psnr_db(prediction: NDArray[np.floating], truth: NDArray[np.floating]) -> fl
 
     Returns
     -------
-    The ratio, dB, at most `MOST_PSNR_DB`.
+    The ratio, dB, at most `MAX_PSNR_DB`.
 
     Raises
     ------
@@ -40,5 +40,5 @@ def psnr_db(prediction: NDArray[np.floating], truth: NDArray[np.floating]) -> fl
         raise TaskError(f"prediction: found shape {prediction.shape}, expected {truth.shape}")
     mean_square = float(np.mean(np.square(prediction - truth)))
     if mean_square == 0:
-        return MOST_PSNR_DB
-    return min(-10.0 * float(np.log10(mean_square)), MOST_PSNR_DB)
+        return MAX_PSNR_DB
+    return min(-10.0 * float(np.log10(mean_square)), MAX_PSNR_DB)

@@ -59,7 +59,7 @@ def psnr_db(
 
     Returns
     -------
-    The ratio, dB, at most `tasks.psnr.MOST_PSNR_DB`.
+    The ratio, dB, at most `tasks.psnr.MAX_PSNR_DB`.
 
     Raises
     ------

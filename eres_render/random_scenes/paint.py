@@ -23,7 +23,7 @@ _LOG_SHADE = (-0.7, 0.0)  # of a chart, as if each faced the light in its own wa
 _CONTRAST = (0.5, 1.5)  # factor on log reflectance
 # Letters and margins need some room: a pattern has at least this many texels along both sides;
 # smaller faces are cut from it.
-_LEAST_TEXELS, _LEAST_M = 64, 0.2
+_MIN_TEXELS, _MIN_M = 64, 0.2
 _COARSEST_M = 0.01  # texel of a pattern, whose details are some centimeters large
 
 
@@ -51,7 +51,7 @@ def _painted(
 ) -> Float32:
     """Paint a pattern with its contrast about the mean scaled, and darker by a shade."""
     texel_m = min(scale * texel_m, _COARSEST_M)
-    least = max(_LEAST_TEXELS, math.ceil(_LEAST_M / texel_m))
+    least = max(_MIN_TEXELS, math.ceil(_MIN_M / texel_m))
     rows, columns = (max(side, least) for side in shape)
     whole = pattern((rows, columns), texel_m, rng)
     log_tone = np.log(np.maximum(whole[: shape[0], : shape[1]], 1e-3))

@@ -21,29 +21,29 @@ from eres_render.random_scenes.paint import random_painter
 from eres_render.random_scenes.paths import Poses, camera_path, object_path, path_times
 from eres_render.random_scenes.solids import random_solid, room
 from eres_render.storage.atomic import write_bytes, write_text
-from eres_render.storage.exr import LEAST_WHITE, write_luminance
+from eres_render.storage.exr import MIN_WHITE, write_luminance
 from eres_render.trajectory.tum import tum_text
 
 Float64 = NDArray[np.float64]
 
 VERSION = 3  # raise it with every change that alters the scene of a seed
 
-MOST_LIGHT = 4.0
+MAX_LIGHT = 4.0
 """Largest radiance of a surface of reflectance 1, W m^-2 sr^-1."""
 
 _FOV_DEG = 60.0
 _STILL, _MOVING = (2, 6), (1, 4)  # number of things and objects, both ends included
 _LOG_DISTANCE_M = np.log([0.6, 4.0])  # from the camera's home
 _ANGULAR_RADIUS = (0.08, 0.3)  # of a thing, over its distance
-_LARGEST_M = 0.7  # radius of a thing
+_MAX_M = 0.7  # radius of a thing
 _FREE_M = 0.25  # between the camera and the sphere of any thing, and between it and the walls
 _CLEARANCE_M = 0.1  # `min_clearance_m` in scene.toml
 _TRIES = 100  # to find room for a thing
-_LEAST_REFLECTANCE = 0.3  # of white in the view; the first 160 scenes of seed 0 have 0.36 or more
-_LOG_LIGHT = np.log([LEAST_WHITE / _LEAST_REFLECTANCE, MOST_LIGHT])
+_MIN_REFLECTANCE = 0.3  # of white in the view; the first 160 scenes of seed 0 have 0.36 or more
+_LOG_LIGHT = np.log([MIN_WHITE / _MIN_REFLECTANCE, MAX_LIGHT])
 _WALL_M = 2.5  # distance at which a texel of the room is as large as a pixel
-_MOST_CELL_TEXELS = 20
-_MOST_TEXELS = 8_000_000  # of a texture
+_MAX_CELL_TEXELS = 20
+_MAX_TEXELS = 8_000_000  # of a texture
 
 _SHAPE = """  <shape type="ply" id={name}>
     <string name="filename" value="{file}.ply"/>
@@ -166,7 +166,7 @@ def _place(
     tan = np.tan(np.deg2rad(_FOV_DEG) / 2)
     for _ in range(_TRIES):
         distance_m = float(np.exp(rng.uniform(*_LOG_DISTANCE_M)))
-        radius_m = min(distance_m * float(rng.uniform(*_ANGULAR_RADIUS)), _LARGEST_M)
+        radius_m = min(distance_m * float(rng.uniform(*_ANGULAR_RADIUS)), _MAX_M)
         ray = np.array([*rng.uniform(-tan, tan, 2), 1.0])
         center = home[:3, 3] + distance_m * home[:3, :3] @ ray
         path = object_path(center, duration_s, rng) if moves else _at_rest(center, duration_s)
@@ -191,8 +191,8 @@ def _write_shape(
     """Write a mesh and its radiance."""
     area_m2 = sum(width * height for width, height in (chart.size_m for chart in charts))
     atlas: Atlas = layout(charts, round(np.sqrt(area_m2) / CELL_M))
-    most = np.sqrt(_MOST_TEXELS / (atlas.rows * atlas.columns))
-    texels_per_cell = int(np.clip(CELL_M / texel_m, 1, min(most, _MOST_CELL_TEXELS)))
+    most = np.sqrt(_MAX_TEXELS / (atlas.rows * atlas.columns))
+    texels_per_cell = int(np.clip(CELL_M / texel_m, 1, min(most, _MAX_CELL_TEXELS)))
     write_bytes(stem.with_suffix(".ply"), atlas.ply())
     reflectance = atlas.paint(texels_per_cell, int(rng.integers(1 << 32)))
     write_luminance(stem.with_suffix(".exr"), light * reflectance)

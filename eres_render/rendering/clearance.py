@@ -13,10 +13,10 @@ from eres_render.rendering.raycast import RayCaster
 Float64 = NDArray[np.float64]
 
 _DIRECTIONS = 512  # one every 9 degrees: 3 cm apart at 0.2 m
-_FEWEST_PLACES, _MOST_PLACES = 100, 2000
+_MIN_PLACES, _MAX_PLACES = 100, 2000
 _RAYS_AT_ONCE = 1 << 18
 _CHORDS = 20_000  # that measure the length of a path
-_KNOTS_AT_ONCE, _MOST_PIECES = 1 << 12, 256  # of the way from knot to knot
+_KNOTS_AT_ONCE, _MAX_PIECES = 1 << 12, 256  # of the way from knot to knot
 
 
 def check_clearance(
@@ -122,7 +122,7 @@ def _ends_of_chords(
     ends = 2 * bend[0] - bend[1], 2 * bend[1] - bend[0]
     most_m = np.max([np.linalg.norm(end, axis=1) for end in ends], axis=0)
     # A chord of a share of the span is off by an eighth of that, times the square of the share.
-    pieces = np.ceil(np.sqrt(most_m / 8 / tolerance_m)).clip(1, _MOST_PIECES).astype(np.intp)
+    pieces = np.ceil(np.sqrt(most_m / 8 / tolerance_m)).clip(1, _MAX_PIECES).astype(np.intp)
     k = np.repeat(np.arange(len(pieces)), pieces)
     piece = np.arange(len(k)) - (np.cumsum(pieces) - pieces)[k]
     return np.append(t_s[k] + piece / pieces[k] * spans_s[k], t_s[-1])
@@ -135,7 +135,7 @@ def _evenly_along(
     t_s = np.linspace(0.0, duration_s, _CHORDS + 1)
     chords_m = np.linalg.norm(np.diff(place(t_s), axis=0), axis=1)
     along_m = np.concatenate([[0.0], np.cumsum(chords_m)])
-    steps = np.clip(np.ceil(2 * along_m[-1] / min_clearance_m), _FEWEST_PLACES, _MOST_PLACES)
+    steps = np.clip(np.ceil(2 * along_m[-1] / min_clearance_m), _MIN_PLACES, _MAX_PLACES)
     count = int(steps) + 1
     if along_m[-1] == 0:
         return np.linspace(0.0, duration_s, count)

@@ -27,7 +27,7 @@ _WELD = 1e-6  # vertices are one if they are nearer than this share of the scene
 _FLAT = 1e-6  # triangles lie in one plane to this share of it
 _TEXELS = 5e-3  # neighbors have one map if it holds this well at the vertices of both
 _STRAIGHT = 1e-6  # 1 - cosine between a shading normal and its triangle's own
-_MOST_TEXELS = 2**31 - 1  # the kernels count them in 32 bits
+_MAX_TEXELS = 2**31 - 1  # the kernels count them in 32 bits
 
 TRACED = -1
 """In place of a piece: what cannot be looked up."""
@@ -185,7 +185,7 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
 
 
 def _can_be_looked_up(emitter: Any, emission: Any, *, baked: bool) -> bool:
-    if "radiance.data" in emission and math.prod(emission["radiance.data"].shape) > _MOST_TEXELS:
+    if "radiance.data" in emission and math.prod(emission["radiance.data"].shape) > _MAX_TEXELS:
         return False
     return baked or _is_like_baked(emitter, emission)
 

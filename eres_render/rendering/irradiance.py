@@ -39,13 +39,13 @@ Size = tuple[float, float]  # along u and along v, m
 
 _SAMPLES_AT_ONCE = 1 << 22  # limits the memory of one wavefront
 _BOUNCES = 8  # between surfaces; light that halves at each has lost 99.6 % by then
-_FEWEST_SAMPLES = 4
+_MIN_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
-_MOST_SQUEEZED = 3.0  # a texture against the surface under it, as on bodies of revolution
-_MOST_CELLS = 1 << 26  # of a lightmap
-_MOST_SAMPLES = 1 << 34  # of a scene that is baked by default: an hour on two cores
+_MAX_SQUEEZED = 3.0  # a texture against the surface under it, as on bodies of revolution
+_MAX_CELLS = 1 << 26  # of a lightmap
+_MAX_SAMPLES = 1 << 34  # of a scene that is baked by default: an hour on two cores
 _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
-_LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
+_MIN_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
 
 
 def irradiance_maps(
@@ -98,10 +98,10 @@ def irradiance_maps(
     shapes = {shape.id(): shape for shape in bakeable_surfaces(mi_scene, scene)}
     sides = _sides(shapes, scene, cell_m)
     for name, (n_u, n_v) in sides.items():
-        if n_u * n_v > _MOST_CELLS:
+        if n_u * n_v > _MAX_CELLS:
             raise SceneError(
                 f"shape {name!r}: found a lightmap of {n_u} x {n_v} cells, expected at most "
-                f"{_MOST_CELLS}: make bake.cell_m larger, let the shape fill more of the UV "
+                f"{_MAX_CELLS}: make bake.cell_m larger, let the shape fill more of the UV "
                 "square, or render with --integrator path"
             )
     albedo = {
@@ -159,7 +159,7 @@ def reason_not_to_wait(mi_scene: mi.Scene, scene: Scene) -> str:
     shapes = {shape.id(): shape for shape in surfaces(mi_scene)}
     sides = _sides(shapes, scene, settings.cell_m)
     work = _work(sides, settings.spp)
-    if work <= _MOST_SAMPLES:
+    if work <= _MAX_SAMPLES:
         return ""
     name, (n_u, n_v) = max(sides.items(), key=lambda one: math.prod(one[1]))
     return (
@@ -182,7 +182,7 @@ def _work(sides: dict[str, tuple[int, int]], spp: int) -> int:
 
 def _counts(spp: int) -> tuple[int, int]:
     """Return the samples of a cell for lamps and the last bounce, and for each other bounce."""
-    return _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
+    return _square(spp), _square(max(_MIN_SAMPLES, spp // 16))
 
 
 def _square(spp: int) -> int:
@@ -200,7 +200,7 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
     size_m = _uv_size_m(shape)
     texture_m = sizes_m.get(shape.id(), size_m)
     squeezed = np.abs(np.log(np.array(texture_m) / size_m))
-    if squeezed.max() < math.log(_MOST_SQUEEZED):
+    if squeezed.max() < math.log(_MAX_SQUEEZED):
         size_m = texture_m
     # Mitsuba wants two texels each way of an image that changes.
     n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
@@ -306,14 +306,14 @@ def _per_cell(
         part = slice(first, first + cells)
         total[part], count[part] = np.asarray(irradiance), np.asarray(counted)
         on_samples(cells * spp)
-    if most < _LEAST_SHARE * spp:
+    if most < _MIN_SHARE * spp:
         raise SceneError(
-            f"shape {shape.id()!r}: fills less than 1/{round(1 / _LEAST_SHARE)} of each of the "
+            f"shape {shape.id()!r}: fills less than 1/{round(1 / _MIN_SHARE)} of each of the "
             f"{n_u} x {n_v} cells of its lightmap: make bake.cell_m smaller, let the shape fill "
             "more of the UV square, or render with --integrator path"
         )
     sums, counts_2d = total.reshape(n_v, n_u), count.reshape(n_v, n_u)
-    known = counts_2d >= _LEAST_SHARE * spp
+    known = counts_2d >= _MIN_SHARE * spp
     if smooth:
         sums, counts_2d = _with_neighbors(sums * known), _with_neighbors(counts_2d * known)
     mean = np.divide(sums, counts_2d, out=np.zeros((n_v, n_u)), where=known)

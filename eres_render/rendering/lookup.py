@@ -31,10 +31,10 @@ Float32 = NDArray[np.float32]
 NEAR_M = 1e-3
 """Where the view begins, along the camera's axis; nothing nearer is seen."""
 
-_MOST_ROOM = 4  # pixels of the pinhole for one of the lens
+_MAX_ROOM = 4  # pixels of the pinhole for one of the lens
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 # Costs of looking up, in traced samples: see benchmarks/bench_small_images.py.
-_FEWEST_SAMPLES = 340_000  # of a frame; Dr.Jit's threads wait as long as it takes to trace these
+_MIN_SAMPLES = 340_000  # of a frame; Dr.Jit's threads wait as long as it takes to trace these
 _SAMPLES_A_FRAME = 100_000
 _SAMPLES_AN_EDGE = 10
 _SAMPLES_A_PIXEL = 3
@@ -114,7 +114,7 @@ class LookUp:
         of_pinhole = lens.columns * lens.rows
         # A lens bends the sides of pixels, which a single row or column does not show.
         is_thin = len(lens.corners) > 0 and min(camera.width, camera.height) == 1
-        if of_pinhole > _MOST_ROOM * pixels or is_thin or spp * pixels < _FEWEST_SAMPLES:
+        if of_pinhole > _MAX_ROOM * pixels or is_thin or spp * pixels < _MIN_SAMPLES:
             return False
         saved = spp * pixels - _SAMPLES_A_PIXEL * of_pinhole
         return saved >= _SAMPLES_A_FRAME + _SAMPLES_AN_EDGE * len(self._surfaces.edges)

@@ -21,9 +21,9 @@ from eres_render.rendering.visibility_kernels import (
 )
 
 _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
-_LEAST_BLOCK_PX = 16
+_MIN_BLOCK_PX = 16
 _DEPTH_CHANGE = 0.125  # most change of 1 / z along a larger block, as a share of it
-_LEAST_DENOMINATOR = 0.05
+_MIN_DENOMINATOR = 0.05
 _SAMPLES = 16  # at a time: a multiple of LLVM's vectors, so that no loop for a rest is needed
 
 # LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
@@ -141,7 +141,7 @@ def _block_px(per_z, row, first, last):
     at = per_z[1] * row + per_z[2]
     nearly = _DEPTH_CHANGE * min(at + per_z[0] * first, at + per_z[0] * last)
     size = _BLOCK_PX
-    while size > _LEAST_BLOCK_PX and abs(per_z[0]) * size > nearly:
+    while size > _MIN_BLOCK_PX and abs(per_z[0]) * size > nearly:
         size //= 2
     return size
 
@@ -168,7 +168,7 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
     vx, vy = (h[1, 0] - v * h[2, 0]) * w, (h[1, 1] - v * h[2, 1]) * w
     wx, wy = h[2, 0] * w, h[2, 1] * w
     least = 1.0 - abs(wx) * half_width - abs(wy) * half_height  # of the denominator
-    if least < _LEAST_DENOMINATOR:  # seen at so flat an angle that its texels are far apart
+    if least < _MIN_DENOMINATOR:  # seen at so flat an angle that its texels are far apart
         marked[row, first:last] = 1
         return
     # All samples lie right of and below the base, so that truncation rounds down.

@@ -12,7 +12,7 @@ from eres_render.errors import RenderError
 _BYTES_A_PIXEL = 60
 # Radiance; and without reflected light, the position in the image, kept from frame to frame.
 _BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12, "emission": 8}
-_MOST_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
+_MAX_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 
 def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str) -> None:
@@ -31,7 +31,7 @@ def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str)
             f"{size}, which need {needed / 1e9:.1f} GB of memory, and this machine has "
             f"{there / 1e9:.1f} GB; choose a lower resolution or fewer samples"
         )
-    if not variant.startswith("scalar") and pixels * spp > _MOST_SAMPLES:
+    if not variant.startswith("scalar") and pixels * spp > _MAX_SAMPLES:
         raise RenderError(
             f"{size}, expected at most 2^32 - 1 samples per image; choose a lower "
             "resolution or fewer samples"

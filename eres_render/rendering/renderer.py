@@ -29,7 +29,7 @@ from eres_render.rendering.motion import Body, PlacedObjects, still_and_bodies
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
-from eres_render.storage.exr import LEAST_WHITE
+from eres_render.storage.exr import MIN_WHITE
 from eres_render.trajectory.frame_times import (
     ImageMotion,
     RecentPoses,
@@ -46,7 +46,7 @@ Integrator = Literal["baked", "baked-full", "path", "emission"]
 _log = logging.getLogger(__name__)
 
 _VIEWS = 9  # rays along a side of the image that show whether the camera sees the plane
-_MOST_ROUNDING_PX = 0.05  # a tenth of the usual motion from frame to frame
+_MAX_ROUNDING_PX = 0.05  # a tenth of the usual motion from frame to frame
 _DEPTHS = 33  # rays along a side of the image that find the nearest surface
 _OFF_PLANE = 0.01  # relief stays below this share of the distance
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
@@ -299,12 +299,12 @@ class Renderer:
                 f"along the path, is {white:g}), expected an <emitter> that lights the camera's "
                 "view"
             )
-        if white < LEAST_WHITE:
+        if white < MIN_WHITE:
             _log.warning(
                 "%s: white, the 99.9th percentile of radiance along the path, is %.3g; frames are "
                 "half-floats, which round shadows visibly below a white of %g and make false "
                 "events: scale all emitters up",
-                *(self.scene.xml_file, white, LEAST_WHITE),
+                *(self.scene.xml_file, white, MIN_WHITE),
             )
         return white
 
@@ -565,11 +565,11 @@ def _warn_if_far_from_origin(
     near_m = min(float(still.distance(one[:3, 3], rays @ one[:3, :3].T).min()) for one in T)
     farthest_m = float(np.abs(T[:, :3, 3]).max())
     step_px = float(np.spacing(np.float32(farthest_m))) * max(camera.fx, camera.fy) / near_m
-    if step_px > _MOST_ROUNDING_PX:
+    if step_px > _MAX_ROUNDING_PX:
         _log.warning(
             "%s: found a camera %.3g m from the origin, where single precision moves the image in "
             "steps of %.2g px, expected at most %g: move the scene and its path to the origin",
-            *(scene.path_name, farthest_m, step_px, _MOST_ROUNDING_PX),
+            *(scene.path_name, farthest_m, step_px, _MAX_ROUNDING_PX),
         )
 
 

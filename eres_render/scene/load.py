@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from eres_render.errors import SceneError, nearest
-from eres_render.scene.objects import MOST_OBJECTS
+from eres_render.scene.objects import MAX_OBJECTS
 from eres_render.scene.scene import GIVEN_CLEARANCE_M, Scene
 from eres_render.scene.settings import (
     CameraSettings,
@@ -26,7 +26,7 @@ from eres_render.storage.settings_reader import read_toml
 from eres_render.trajectory.spline import Trajectory, check_finite
 
 _NAMES_OF_MITSUBA = ("config", "filename")  # arguments of its parser, as names of textures are
-_LEAST_CLEARANCE_M = 0.005  # distance; the depth at the corners of a wide view is less
+_MIN_CLEARANCE_M = 0.005  # distance; the depth at the corners of a wide view is less
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
 
 
@@ -160,8 +160,8 @@ def _check(settings: SceneToml, file: Path) -> None:
     positive: dict[str, float] = {"bake.cell_m": bake.cell_m, "bake.spp": bake.spp}
     if path is not None:
         positive["path.min_clearance_m"] = path.min_clearance_m
-        if path.min_clearance_m < _LEAST_CLEARANCE_M:
-            least = f"at least {_LEAST_CLEARANCE_M:g} m, as frames begin 1 mm from the camera"
+        if path.min_clearance_m < _MIN_CLEARANCE_M:
+            least = f"at least {_MIN_CLEARANCE_M:g} m, as frames begin 1 mm from the camera"
             refuse("path.min_clearance_m", path.min_clearance_m, least)
     if isinstance(path, FacingPlanePath | WaypointsPath):
         positive["path.duration_s"] = path.duration_s
@@ -203,8 +203,8 @@ def _check_objects(settings: SceneToml, file: Path, shape_ids: Collection[str]) 
     """Refuse objects without shapes or a path, and shapes that are unknown or of two objects."""
     refuse = partial(_refuse, file)
     objects = settings.objects or {}
-    if len(objects) > MOST_OBJECTS:
-        refuse("objects", len(objects), f"at most {MOST_OBJECTS}")
+    if len(objects) > MAX_OBJECTS:
+        refuse("objects", len(objects), f"at most {MAX_OBJECTS}")
     uses = Counter(shape for one in objects.values() for shape in one.shapes)
     for name, one in objects.items():
         field = f"objects.{name}"

@@ -12,7 +12,7 @@ from eres_render.errors import TrajectoryError, reading
 from eres_render.trajectory.spline import Trajectory, path_through
 from eres_render.trajectory.tum import read_tum
 
-MOST_OBJECTS = 255  # their numbers fit into a byte, and 0 is the still world
+MAX_OBJECTS = 255  # their numbers fit into a byte, and 0 is the still world
 
 _CLOCK_S = 1e-6  # the clock of the camera's path starts at a whole microsecond
 

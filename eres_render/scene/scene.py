@@ -35,7 +35,7 @@ GIVEN_CLEARANCE_M = 0.01
 """Least distance of a path of given poses from any surface: ten times the near clip, m."""
 
 _POINTS_A_SIDE = 17  # of an image seen through a lens
-_FEWEST_VIEWS, _RAYS_AT_ONCE = 2001, 1 << 16  # that are checked to stay on the square
+_MIN_VIEWS, _RAYS_AT_ONCE = 2001, 1 << 16  # that are checked to stay on the square
 _AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
@@ -351,4 +351,4 @@ def _view_times(trajectory: Trajectory, duration_s: float) -> NDArray[np.float64
     """Return times at which the view is checked: even ones, and four in each knot interval."""
     knots_s = np.unique(np.clip(trajectory.knots_s, 0.0, duration_s))
     quarters_s = knots_s[:-1, None] + np.arange(4) / 4 * np.diff(knots_s)[:, None]
-    return np.union1d(np.linspace(0.0, duration_s, _FEWEST_VIEWS), quarters_s)
+    return np.union1d(np.linspace(0.0, duration_s, _MIN_VIEWS), quarters_s)

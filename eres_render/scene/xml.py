@@ -15,7 +15,7 @@ from eres_render.errors import SceneError, reading
 
 _log = logging.getLogger(__name__)
 
-_MOST_NESTED = 100  # Mitsuba's parser ends the process at thousands
+_MAX_NESTED = 100  # Mitsuba's parser ends the process at thousands
 _MAX_CHARACTERS = 1 << 16
 _MAX_FILES = 20_000  # files that include others twice reach it soon
 _FILM_PX = (768, 576)  # Mitsuba's own default
@@ -88,7 +88,7 @@ def _parsed(file: Path) -> Element:
         for event, element in ElementTree.iterparse(data, ("start", "end")):
             depth += 1 if event == "start" else -1
             opened = opened or [element]
-            if depth > _MOST_NESTED:
+            if depth > _MAX_NESTED:
                 raise RecursionError
     return opened[0]
 

@@ -17,8 +17,8 @@ WARM_UP_S = 6 * 2 / (2 * math.pi * 50)
 50 Hz filter at twice the speed."""
 
 _TIME_RESOLUTION_S = 1e-9
-_MOST_CLIPS = 1_000_000
-_LONGEST_S = 1e5  # finding the frame times of more takes hours
+_MAX_CLIPS = 1_000_000
+_MAX_S = 1e5  # finding the frame times of more takes hours
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +137,10 @@ def clips(
             f"half of every_s = {every_s} s"
         )
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
-    if fitting > _MOST_CLIPS:
+    if fitting > _MAX_CLIPS:
         raise RenderError(
             f"found {duration_s:g} s of path, with {fitting} clips, expected at most "
-            f"{_MOST_CLIPS}; are the times of the poses in seconds?"
+            f"{_MAX_CLIPS}; are the times of the poses in seconds?"
         )
     if fitting < 1:
         needed_s = 0.5 * every_s + window_s
@@ -194,9 +194,9 @@ def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
     (0.0, 2.0)
     """
     duration_s = _checked_duration_s(scene, duration_s)
-    if duration_s > _LONGEST_S:
+    if duration_s > _MAX_S:
         raise RenderError(
-            f"found {duration_s:g} s of path, expected at most {_LONGEST_S:g} s for one sequence; "
+            f"found {duration_s:g} s of path, expected at most {_MAX_S:g} s for one sequence; "
             "are the times of the poses in seconds?"
         )
     return Clip(0, 0.0, 0.0, duration_s)

@@ -25,7 +25,7 @@ from eres_render.storage.exr import write_channels
 from eres_render.trajectory.tum import tum_text
 
 _PNG_ZERO, _PNG_PER_PX = 1 << 15, 128
-_LEAST_STEP = 1e-3  # of the others; a shorter last one comes of a rounded step
+_MIN_STEP = 1e-3  # of the others; a shorter last one comes of a rounded step
 _NUMBER = re.compile(r"\d{6,}", re.ASCII)
 _OBJECT = re.compile(r"\d{3}_[\w-]+")
 
@@ -205,7 +205,7 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     if not 1e-6 <= step_s < math.inf:
         raise RenderError(f"step_s: found {step_s:g} s, expected at least 1e-06, a microsecond")
     start_s, end_s = sequence.window_s
-    steps = max(1, math.ceil((end_s - start_s) / step_s - _LEAST_STEP))
+    steps = max(1, math.ceil((end_s - start_s) / step_s - _MIN_STEP))
     t_s = start_s + step_s * np.arange(steps + 1, dtype=np.float64)
     t_s[-1] = end_s
     return t_s

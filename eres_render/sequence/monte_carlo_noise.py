@@ -21,8 +21,8 @@ _log = logging.getLogger(__name__)
 
 REPEATS = 64  # the reference has this many times the samples
 _DARK_FRACTION = 1e-3  # of white, added before the logarithm: the sensor's default
-_STRETCHES, _LONGEST_STRETCH_S = 4, 0.25
-_MOST_PIXELS, _FEWEST_PIXELS = 256, 16  # of each stretch
+_STRETCHES, _MAX_STRETCH_S = 4, 0.25
+_MAX_PIXELS, _MIN_PIXELS = 256, 16  # of each stretch
 _SHARE_OF_RENDER = 0.05  # largest cost of measuring, in samples
 _FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # samples that are always allowed
 
@@ -236,7 +236,7 @@ def measure_noise(
         (_FEW_SECONDS_SCALAR if scalar else _FEW_SECONDS) / frames,
     )
     affordable = int(samples_a_frame / (REPEATS * renderer.spp))
-    pixels = min(max(affordable, _FEWEST_PIXELS), _MOST_PIXELS, in_image)
+    pixels = min(max(affordable, _MIN_PIXELS), _MAX_PIXELS, in_image)
 
     rng = np.random.default_rng(renderer.seed)
     fired, excess, variances = [], [], []
@@ -270,7 +270,7 @@ def measure_noise(
 def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
     """Return the starts and ends of the stretches of clips that are measured."""
     cut = [
-        (start_s, min(start_s + _LONGEST_STRETCH_S, clip.t_window_end_s))
+        (start_s, min(start_s + _MAX_STRETCH_S, clip.t_window_end_s))
         for clip in clips
         for start_s in _starts_s(clip)
     ]
@@ -280,5 +280,5 @@ def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
 
 def _starts_s(clip: Clip) -> list[float]:
     """Return where stretches of a clip start; a last one of a microsecond or less is left out."""
-    starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _LONGEST_STRETCH_S).tolist()
+    starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _MAX_STRETCH_S).tolist()
     return starts_s or [clip.t_start_s]

@@ -22,7 +22,7 @@ from eres_render.storage.atomic import write_bytes
 
 Compression = Literal["zip", "none"]
 
-LEAST_WHITE = 0.06
+MIN_WHITE = 0.06
 """Least radiance of white for half-floats: a thousandth of it, the dark level, is about the least
 normal one; below, shadows are rounded visibly."""
 

@@ -20,7 +20,7 @@ FloatOrInf = Annotated[float, "inf"]
 """A number or inf, also as text ("inf"), because JSON has no such number."""
 
 _OLD_NAMES = "old names"
-_MOST_NESTED = 100
+_MAX_NESTED = 100
 _NAMES: dict[Any, str] = {
     float: "a number",
     FloatOrInf: "a number or inf",
@@ -94,7 +94,7 @@ def check_nesting(found: Any) -> None:
         for inner in (one.values() if isinstance(one, dict) else one)
     ]:
         depth += 1
-        if depth > _MOST_NESTED:
+        if depth > _MAX_NESTED:
             raise RecursionError
 
 

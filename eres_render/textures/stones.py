@@ -19,8 +19,8 @@ jit = compiler(Path(__file__).parent)
 # Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes
 # with radius^-2 per octave, the scale-free law of a dead-leaves mosaic. Stones without room are
 # dropped, so that large stones are whole and small ones fill the gaps.
-_LARGEST_M = 0.16
-_SMALLEST_PX = 1.6
+_MAX_M = 0.16
+_MIN_PX = 1.6
 _TRIES = 2.2  # area of the stones tried in an octave, over the area of the bed
 _OVERLAP = 2  # of 12 points on a stone's rim, how many may lie on a stone placed before it
 
@@ -77,7 +77,7 @@ def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
-    radius_px = _radii(shape, _LARGEST_M / texel_m, rng)
+    radius_px = _radii(shape, _MAX_M / texel_m, rng)
     n = len(radius_px)
     kind = np.searchsorted(np.cumsum(_SHARES)[:-1], rng.random(n, dtype=np.float32))
     numbers = rng.random((n, 6), dtype=np.float32)
@@ -105,8 +105,8 @@ def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) 
     area = shape[0] * shape[1]
     octaves = [np.empty(0, np.float32)]
     top = largest_px
-    while top > _SMALLEST_PX:
-        low = max(top / 2, _SMALLEST_PX)
+    while top > _MIN_PX:
+        low = max(top / 2, _MIN_PX)
         # Density r^-3 within an octave: the same area of stones from every scale.
         mean_area = math.pi * low * top * math.log(top / low) / (1 - low / top) / (top / low)
         count = int(_TRIES * math.log2(top / low) * area / mean_area)

@@ -29,12 +29,12 @@ _log = logging.getLogger(__name__)
 
 _FAR_APART_PX = 1.0
 _TIME_RESOLUTION_S = 1e-9
-_LEAST_STEP_S = 1e-7  # shorter ones would not be exact to a percent
-_LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
+_MIN_STEP_S = 1e-7  # shorter ones would not be exact to a percent
+_MAX_STRIDE_S = 1e-3  # a camera does not go and return within it
 _PACE_S = 4e-3  # time between measurements of speed
 _INSTANT_S = 1e-5  # in which it is measured
 _POINTS_A_SIDE = 5  # of a box
-_MOST_PAST = 1.05  # of the limit, where the search ends at a root
+_MAX_PAST = 1.05  # of the limit, where the search ends at a root
 _RECENT = 8  # times whose poses and motions are kept
 
 
@@ -356,20 +356,20 @@ def _adaptive(
         while t < mark_s:
             # Short strides from below find motion that turns back.
             rest_s = mark_s - t  # t + rest_s may be less than mark_s
-            low, high = 0.0, min(0.5 * step_s, _LONGEST_STRIDE_S, rest_s)
+            low, high = 0.0, min(0.5 * step_s, _MAX_STRIDE_S, rest_s)
             while motion(t, t + high) < max_displacement_px and high < rest_s:
-                low, high = high, min(1.25 * high, high + _LONGEST_STRIDE_S, rest_s)
+                low, high = high, min(1.25 * high, high + _MAX_STRIDE_S, rest_s)
             if motion(t, t + high) > max_displacement_px:
                 if motion(t, t + low) >= max_displacement_px:  # by rounding
                     raise _too_fast(max_displacement_px, low, t)
                 high = brentq(
                     lambda dt, t=t: motion(t, t + dt) - max_displacement_px, low, high, xtol=1e-9
                 )
-                if motion(t, t + high) > _MOST_PAST * max_displacement_px:
+                if motion(t, t + high) > _MAX_PAST * max_displacement_px:
                     # It jumps there, as where an object enters the view: end just before.
-                    high = max(low, high - 2e-9, min(high, _LEAST_STEP_S))
+                    high = max(low, high - 2e-9, min(high, _MIN_STEP_S))
                 step_s = high
-                if high < _LEAST_STEP_S:
+                if high < _MIN_STEP_S:
                     raise _too_fast(max_displacement_px, high, t)
             t = mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high
             yield t
@@ -408,7 +408,7 @@ def paced_times(
         starts = [*t_s[:-1].tolist(), end_s - dt]
         speed = np.array([motion(t, t + dt) for t in starts]) / dt
         least_s = max_displacement_px / float(speed.max()) if speed.any() else math.inf
-        if not least_s >= _LEAST_STEP_S:
+        if not least_s >= _MIN_STEP_S:
             raise _too_fast(max_displacement_px, least_s, float(t_s[speed.argmax()]))
         steps = np.maximum(speed[:-1], speed[1:]) * np.diff(t_s)
         moved_px = np.concatenate([[0.0], np.cumsum(steps)])
@@ -421,7 +421,7 @@ def paced_times(
 def _too_fast(moved_px: float, within_s: float, t_s: float) -> RenderError:
     return RenderError(
         f"path: found an image that moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, "
-        f"expected frames at least {_LEAST_STEP_S:g} s apart; are the times of the poses in "
+        f"expected frames at least {_MIN_STEP_S:g} s apart; are the times of the poses in "
         "seconds? Objects count, those out of view too"
     )
 

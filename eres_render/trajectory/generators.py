@@ -13,7 +13,7 @@ from eres_render.trajectory.spline import Trajectory, TurnsTooFarError, path_thr
 
 Float64 = NDArray[np.float64]
 
-_MOST_SEGMENTS = 100_000  # of a path: hours at usual speeds
+_MAX_SEGMENTS = 100_000  # of a path: hours at usual speeds
 
 
 def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
@@ -130,10 +130,10 @@ def random_path(
     check_positive("duration_s", duration_s, TrajectoryError)
     check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
     check_positive("knot_interval_s", knot_interval_s, TrajectoryError)
-    if not duration_s / knot_interval_s <= _MOST_SEGMENTS:
+    if not duration_s / knot_interval_s <= _MAX_SEGMENTS:
         raise TrajectoryError(
             f"knot_interval_s: found {knot_interval_s:g} s in a path of {duration_s:g} s, expected "
-            f"at least {1.01 * duration_s / _MOST_SEGMENTS:.3g} s: {_MOST_SEGMENTS} segments"
+            f"at least {1.01 * duration_s / _MAX_SEGMENTS:.3g} s: {_MAX_SEGMENTS} segments"
         )
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
@@ -225,10 +225,10 @@ def waypoint_loop(
     # One pose more than the chords need: the spline is never shorter than its chords, and its end
     # must not bend the part that is used.
     while len(poses) < 3 or chord_m[-2] < length_m:
-        if len(poses) > _MOST_SEGMENTS:
+        if len(poses) > _MAX_SEGMENTS:
             raise TrajectoryError(
                 f"duration_s: found {duration_s:g} s at {mean_speed_mps:g} m/s, expected at most "
-                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MOST_SEGMENTS} waypoints"
+                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MAX_SEGMENTS} waypoints"
             )
         T = waypoints[len(poses) % len(waypoints)].copy()
         offset, turn = rng.uniform(-1.0, 1.0, (2, 3))

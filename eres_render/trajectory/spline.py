@@ -15,7 +15,7 @@ from eres_render.errors import TrajectoryError
 Float64 = NDArray[np.float64]
 
 _TURN_TOLERANCE_RAD = 1e-12
-_LEAST_DAMPING = 1e-3
+_MIN_DAMPING = 1e-3
 _STRETCHES_AT_ONCE = 1 << 14  # whose lengths are computed together, with 8 poses each
 
 
@@ -318,7 +318,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
             inner, missed, damping = candidate, missed_now, min(1.0, 2 * damping)
         else:
             damping /= 2
-        if damping < _LEAST_DAMPING:
+        if damping < _MIN_DAMPING:
             worst = int(np.argmax(np.linalg.norm(missed, axis=1)))
             error = TurnsTooFarError(
                 "path_through: the camera turns too far from pose to pose near t = "

@@ -9,12 +9,12 @@ from dataclasses import field as field_of
 from typing import Literal
 
 from sensor.model import (
-    LARGEST_THRESHOLD,
-    LEAST_FILL_FACTOR,
-    LEAST_THRESHOLD,
     MAX_RATE_HZ,
     MAX_SIDE_PX,
+    MAX_THRESHOLD,
     MAX_TIME_S,
+    MIN_FILL_FACTOR,
+    MIN_THRESHOLD,
     PHOTORECEPTORS,
 )
 
@@ -103,7 +103,7 @@ KEYS: dict[str, Key] = {
     "fill_factor": Key(
         meaning="light-sensitive share of a pixel's area",
         units=_SHARE,
-        least=LEAST_FILL_FACTOR,
+        least=MIN_FILL_FACTOR,
         most=1.0,
         part="grid",
     ),
@@ -112,15 +112,15 @@ KEYS: dict[str, Key] = {
         note="0.2 by default",
         field="contrast_threshold",
         units={"log": _times(1), "%": _rise},
-        least=LEAST_THRESHOLD,
-        most=LARGEST_THRESHOLD,
+        least=MIN_THRESHOLD,
+        most=MAX_THRESHOLD,
     ),
     "threshold_off": Key(
         meaning="contrast threshold of OFF events",
         field="contrast_threshold_off",
         units={"log": _times(1), "%": _fall},
-        least=LEAST_THRESHOLD,
-        most=LARGEST_THRESHOLD,
+        least=MIN_THRESHOLD,
+        most=MAX_THRESHOLD,
     ),
     "threshold_mismatch": Key(
         meaning="standard deviation of the thresholds between pixels",

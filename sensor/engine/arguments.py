@@ -23,9 +23,9 @@ from sensor.optics import crop_to_aspect
 Lit = SensorModel | Callable[[float], SensorModel]
 """A sensor, or a function that returns it for a radiance of white."""
 
-_LARGEST_SEED = (1 << 63) - 1
-_MOST_THREADS = 1024
-_LEAST_WHITE, _MOST_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
+_MAX_SEED = (1 << 63) - 1
+_MAX_THREADS = 1024
+_MIN_WHITE, _MAX_WHITE = 1e-296, 1e302  # so that the dark level is one that models take
 
 
 def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorModel]:
@@ -81,15 +81,15 @@ def checked_starts(starts: Sequence[int] | None, count: int, frames: int) -> lis
 
 def checked_seed(seed: int) -> int:
     """Return the seed, or raise; the limit is that of NumPy's generators and of event files."""
-    return _within("seed", seed, 0, _LARGEST_SEED, "an integer in 0..2^63 - 1")
+    return _within("seed", seed, 0, _MAX_SEED, "an integer in 0..2^63 - 1")
 
 
 def checked_threads(threads: int | None) -> int:
     """Return the number of threads, or raise; None is one for each core."""
     if threads is None:
         return len(os.sched_getaffinity(0))
-    expected = f"an integer in 1..{_MOST_THREADS}, or None for one per core"
-    return _within("threads", threads, 1, _MOST_THREADS, expected)
+    expected = f"an integer in 1..{_MAX_THREADS}, or None for one per core"
+    return _within("threads", threads, 1, _MAX_THREADS, expected)
 
 
 def check_fit(model: SensorModel, height: int, width: int) -> None:
@@ -159,8 +159,8 @@ def checked_white(white: float | None) -> float | None:
     """Return the radiance of white, or raise; None is that of the first frame."""
     if white is None:
         return None
-    expected = f"a radiance from {_LEAST_WHITE:g} to {_MOST_WHITE:g}, or None"
-    if not _LEAST_WHITE <= (found := real("white", white, expected)) <= _MOST_WHITE:
+    expected = f"a radiance from {_MIN_WHITE:g} to {_MAX_WHITE:g}, or None"
+    if not _MIN_WHITE <= (found := real("white", white, expected)) <= _MAX_WHITE:
         raise refusal("white", white, expected)
     return found
 
@@ -179,10 +179,10 @@ def _white_of(frame: NDArray[np.floating], name: str) -> float:
             f"{name}: found None and a black first frame, which gives no white level, "
             f"expected a value for SensorModel.{name}, or for `white` of LiveCamera"
         )
-    if not _LEAST_WHITE <= white <= _MOST_WHITE:
+    if not _MIN_WHITE <= white <= _MAX_WHITE:
         raise SensorError(
             f"{name}: found None and a white level of {white:g} in the first frame, expected "
-            f"{_LEAST_WHITE:g} to {_MOST_WHITE:g}, or a value for SensorModel.{name}"
+            f"{_MIN_WHITE:g} to {_MAX_WHITE:g}, or a value for SensorModel.{name}"
         )
     return white
 

@@ -35,9 +35,9 @@ from sensor.events import Columns, Events
 
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
-# _MOST_GROWTH times the number so far and _FEW_EVENTS.
+# _MAX_GROWTH times the number so far and _FEW_EVENTS.
 _RESERVE = 1.3
-_MOST_GROWTH = 4
+_MAX_GROWTH = 4
 _FEW_EVENTS = 1 << 26
 
 
@@ -136,7 +136,7 @@ class _Joined:
         if needed > len(self._columns.t_us):
             passed_us = max(1, end_us - self._start_us)
             expected = int(_RESERVE * needed * self._span_us / passed_us)
-            most = max(_MOST_GROWTH * needed, _FEW_EVENTS)  # the prediction can be far off
+            most = max(_MAX_GROWTH * needed, _FEW_EVENTS)  # the prediction can be far off
             old = self._columns.part(slice(used))
             self._columns = room_for_events(max(needed, min(expected, most)))
             _copy(old, self._columns.part(slice(used)))

@@ -30,7 +30,7 @@ from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
 from sensor.kernels.radiance import (
     BAD,
-    LEAST_LIGHT,
+    MIN_LIGHT,
     PixelLight,
     integrate_area,
     light_on_pixels,
@@ -239,12 +239,12 @@ def light_of(
         frames = zip(chunk, radiance, strict=True)
         if not all(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames)):
             refuse_bad_radiance(chunk, index)
-    if dark == 0 and not float(radiance.min()) >= LEAST_LIGHT:
+    if dark == 0 and not float(radiance.min()) >= MIN_LIGHT:
         refuse_bad_radiance(chunk, index)
         f, y, x = np.unravel_index(radiance.argmin(), radiance.shape)
         raise SensorError(
             f"frame {index + f}, pixel x={x} y={y}: found radiance {radiance[f, y, x]:g}, "
-            f"expected at least {LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
+            f"expected at least {MIN_LIGHT:.3g} where dark_level is 0, so that its logarithm "
             "exists; give dark_level a positive value, or None"
         )
     return light_on_pixels(radiance.reshape(len(chunk), -1), dark)

@@ -48,7 +48,7 @@ from sensor.formats.evt_words import (
 
 _WRAP = 1 << 12  # values of the high part
 _STRIDE = 1 << 10  # largest step of the high part in one word: some decoders refuse larger ones
-_MOST_WORDS = 6  # for one event or one group of vectors: time, row, start, three vectors
+_MAX_WORDS = 6  # for one event or one group of vectors: time, row, start, three vectors
 
 
 @jit
@@ -65,7 +65,7 @@ def encode(events, width, state, words):
     t, x, y, p = events
     made = 0
     i = 0
-    while i < t.size and made + _MOST_WORDS <= words.size:
+    while i < t.size and made + _MAX_WORDS <= words.size:
         high = state[HIGH]
         target = t[i] >> 12
         if high < target:

@@ -18,7 +18,7 @@ from sensor.model import MAX_SIDE_PX, SensorModel
 
 Value = str | int | float
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
-_MOST_CHARACTERS = 200_000  # npz stores four bytes for each, and reads up to 1 MiB
+_MAX_CHARACTERS = 200_000  # npz stores four bytes for each, and reads up to 1 MiB
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +170,9 @@ def model_from_json(text: str) -> SensorModel:
 def origin_to_json(origin: Mapping[str, Value]) -> str:
     """Convert an origin to one line of JSON."""
     text = json.dumps(dict(origin))
-    if len(text) > _MOST_CHARACTERS:
+    if len(text) > _MAX_CHARACTERS:
         raise EventFormatError(
-            f"origin: found {len(text)} characters of JSON, expected at most {_MOST_CHARACTERS}"
+            f"origin: found {len(text)} characters of JSON, expected at most {_MAX_CHARACTERS}"
         )
     return text
 

@@ -32,7 +32,7 @@ _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5
 _READ_BYTES = 1 << 22
 _MAX_LINE_BYTES = 256  # longest line of an event
 _MAX_COMMENT_BYTES = 1 << 16
-_SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
+_MIN_LINE_BYTES = 8  # "0 0 0 0\n"
 _SAMPLE_BYTES = 1 << 16  # of events, whose times show whether their unit is clear
 _DECIMALS = 6  # of seconds as we and others write them; pandas writes whole floats as 1500.0
 
@@ -58,7 +58,7 @@ _TAB, _NEWLINE, _RETURN, _SPACE, _MINUS, _POINT, _ZERO, _NINE = (ord(c) for c in
 _PLUS, _COMMA, _SMALL_E, _LARGE_E = (ord(c) for c in "+,eE")
 _POWERS = 10 ** np.arange(19, dtype=np.int64)
 _MOST = np.iinfo(np.int64).max
-_MOST_DIGITS = (_MOST - 9) // 10  # another digit still fits into int64
+_MAX_DIGITS = (_MOST - 9) // 10  # another digit still fits into int64
 
 LAST_US, DARKER = range(2)  # entries of the reader's state: last time, p of darker events
 _UNKNOWN = np.iinfo(np.int64).min  # p of no file
@@ -168,7 +168,7 @@ def _number(data, at, power, rounded):
     while _ZERO <= data[at] <= _NINE or (data[at] == _POINT and not after_point):
         if data[at] == _POINT:
             after_point = True
-        elif dropped < 0 and value <= _MOST_DIGITS:
+        elif dropped < 0 and value <= _MAX_DIGITS:
             value = value * 10 + (np.int64(data[at]) - _ZERO)
             power -= after_point
         else:
@@ -459,7 +459,7 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
                 )
             lines = np.frombuffer(data, np.uint8, whole)
             while len(lines):
-                room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
+                room = min(batching.PART_EVENTS, len(lines) // _MIN_LINE_BYTES + 1)
                 columns = Columns.room(room)
                 taken, made, found = _parse_lines(
                     lines, none.width, none.height, order, power, sort, state, columns

@@ -29,7 +29,7 @@ from sensor.kernels.pixel import (
     fire_line,
     fire_noise,
 )
-from sensor.kernels.radiance import LEAST_LIGHT
+from sensor.kernels.radiance import MIN_LIGHT
 
 THREADS = 256  # of a block
 SCAN_THREADS = 1024
@@ -158,7 +158,7 @@ def advance(filtered: bool, noisy: bool) -> Callable[..., Any]:
                         u0 = log(np.float64(light[f - 1, i]) + dark)
                     radiance = np.float64(light[f, i])
                     valid = radiance >= 0.0 and radiance < np.inf
-                    if not (valid and radiance + dark >= LEAST_LIGHT):
+                    if not (valid and radiance + dark >= MIN_LIGHT):
                         bad[0] = 1
                         radiance = 1.0
                     u1 = log(radiance + dark)

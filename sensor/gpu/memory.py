@@ -20,7 +20,7 @@ from sensor.memory import RELEASES, Memory
 _KEPT_BYTES = 1 << 30
 _LOCKED_BYTES = 1 << 32  # at most, with the parts of streams that somebody holds
 _BUFFER_BYTES = 1 << 24
-_MOST_COPIERS = 8  # they reach the speed of the bus
+_MAX_COPIERS = 8  # they reach the speed of the bus
 
 
 class _Locked:
@@ -121,7 +121,7 @@ class Uploader:
     """Copies arrays to the GPU: threads fill one of two buffers while the GPU reads the other."""
 
     def __init__(self, threads: int) -> None:
-        self._threads = min(_MOST_COPIERS, threads)
+        self._threads = min(_MAX_COPIERS, threads)
         self._pool = ThreadPoolExecutor(self._threads, "upload")
 
     def copy(self, source: NDArray, target: DeviceArray) -> None:

@@ -149,7 +149,7 @@ def towards_turn(low, high, y, moved, close, falling, curve):
 
 _VECTOR_STEPS = 4
 _FURTHER_STEPS = 200  # of what has not converged: bisection ends long before
-MOST_TURN_STEPS = _VECTOR_STEPS + _FURTHER_STEPS
+MAX_TURN_STEPS = _VECTOR_STEPS + _FURTHER_STEPS
 
 
 @jit

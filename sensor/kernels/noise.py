@@ -43,7 +43,7 @@ def uniform(seed, pixel, frame, draw):
 
 
 # Largest mean of one Poisson draw, and bits for the draws of its events.
-MOST_NOISE = 64.0
+MAX_NOISE = 64.0
 DRAWS_SHIFT = 20
 HOT_DRAWS = 1 << 62  # first draw of hot pixels
 
@@ -57,7 +57,7 @@ def poisson(mean, left):
     Parameters
     ----------
     mean
-        At most MOST_NOISE.
+        At most MAX_NOISE.
     left
         Random number in [0, 1), from which the cumulative probability is subtracted.
 
@@ -167,8 +167,8 @@ def add_poisson(rate, seed, pixel, frame, first_draw, position, interval, pool, 
         New used size of the pool, or FULL.
     """
     start_us, length_us = interval.start_us, interval.length_us
-    # Parts of equal mean, at most MOST_NOISE.
-    parts = np.int64(rate.mean * (1.0 / MOST_NOISE)) + 1
+    # Parts of equal mean, at most MAX_NOISE.
+    parts = np.int64(rate.mean * (1.0 / MAX_NOISE)) + 1
     for part in range(parts):
         draw = first_draw + (part << DRAWS_SHIFT)
         count = poisson(rate.mean / parts, uniform(seed, pixel, frame, draw))

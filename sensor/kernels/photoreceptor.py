@@ -12,8 +12,8 @@ from sensor.kernels.elementary import inlined, jit
 
 # Limits of a dt. In float64 a pole does not move below the first and does not lag above the second.
 # So no cutoff and no light overflows.
-LEAST_X = 1e-30
-GREATEST_X = 1e16
+MIN_X = 1e-30
+MAX_X = 1e16
 
 
 class Step(NamedTuple):
@@ -46,7 +46,7 @@ class Response(NamedTuple):
 @jit
 def within_float(x):
     """Limit x = a dt to the range in which float64 does not overflow."""
-    return min(max(x, LEAST_X), GREATEST_X)
+    return min(max(x, MIN_X), MAX_X)
 
 
 def closed_form(x: float, e: float, phi: float, two: bool) -> Step:

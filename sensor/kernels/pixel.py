@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sensor.kernels.comparator import PIECES
 from sensor.kernels.crossings import (
-    MOST_TURN_STEPS,
+    MAX_TURN_STEPS,
     PLAIN_STEPS,
     SHORT_X,
     TRANSIENT,
@@ -31,7 +31,7 @@ from sensor.kernels.elementary import jit
 from sensor.kernels.noise import (
     DRAWS_SHIFT,
     HOT_DRAWS,
-    MOST_NOISE,
+    MAX_NOISE,
     Rate,
     poisson,
     random_bits,
@@ -145,7 +145,7 @@ def turn_between(low, high, curve):
     moved = high - low
     close = 1e-4 * min(moved, 1.0)
     y = low + moved * min(max(slope_low / (slope_low - slope_high), 0.0), 1.0)
-    for _ in range(MOST_TURN_STEPS):
+    for _ in range(MAX_TURN_STEPS):
         low, high, y, moved = towards_turn(low, high, y, moved, close, falling, curve)
         if moved < close:
             break
@@ -305,7 +305,7 @@ def fire_poisson(rate, seed, pixel, frame, first_draw, span, out, count):
     int
         Number of events, with those before.
     """
-    parts = np.int64(rate.mean * (1.0 / MOST_NOISE)) + 1
+    parts = np.int64(rate.mean * (1.0 / MAX_NOISE)) + 1
     for part in range(parts):
         draw = first_draw + (part << DRAWS_SHIFT)
         fired = poisson(rate.mean / parts, uniform(seed, pixel, frame, draw))

@@ -11,7 +11,7 @@ from sensor.kernels.elementary import allocating, jit, log
 
 # Returned instead of the used size of the pool when radiance is negative or not finite.
 BAD = -2
-LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
+MIN_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
 
 class PixelLight(NamedTuple):

@@ -11,8 +11,8 @@ from sensor.kernels.elementary import exp, inlined, jit
 
 # Relative safety margin of the float32 bounds on the light, and the range of these bounds.
 BOUND_MARGIN = 1e-6
-LEAST_BOUND = 1e-30
-GREATEST_BOUND = 1e38
+MIN_BOUND = 1e-30
+MAX_BOUND = 1e38
 
 # Greatest a dt of `flag_by_chord` and of `flag_by_cubic`: beyond them, the pixels that their wide
 # bounds flag cost more than a narrower bound.
@@ -54,9 +54,9 @@ def light_bounds(level, leaked, fall, rise):
     darkest, brightest
     """
     light = exp(level + leaked)
-    darkest = max(light * fall * (1.0 + BOUND_MARGIN), LEAST_BOUND)
-    brightest = min(light * rise * (1.0 - BOUND_MARGIN), GREATEST_BOUND)
-    return np.float32(darkest), np.float32(brightest if light > LEAST_BOUND else 0.0)
+    darkest = max(light * fall * (1.0 + BOUND_MARGIN), MIN_BOUND)
+    brightest = min(light * rise * (1.0 - BOUND_MARGIN), MAX_BOUND)
+    return np.float32(darkest), np.float32(brightest if light > MIN_BOUND else 0.0)
 
 
 @jit

@@ -9,7 +9,7 @@ from sensor.errors import EventError
 from sensor.events import Columns, Events, whole_us
 from sensor.representations.compiling import jit
 
-_LEAST_TAU_US = 1e-300  # its inverse is finite
+_MIN_TAU_US = 1e-300  # its inverse is finite
 
 
 def event_counts(events: Events) -> NDArray[np.int32]:
@@ -97,7 +97,7 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
         )
     surface = np.zeros((2, events.height, events.width), np.float32)
     if len(events):  # without, any time will do, also one beyond int64
-        _decay(events.columns, t_us, max(tau_us, _LEAST_TAU_US), surface)
+        _decay(events.columns, t_us, max(tau_us, _MIN_TAU_US), surface)
     return surface
 
 

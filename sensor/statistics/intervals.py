@@ -13,8 +13,8 @@ from sensor.errors import EventError
 from sensor.events import Columns, Events, whole_us
 
 _NEVER = -(1 << 63)
-_LARGEST_EDGE_US = 1e18  # int64 holds it
-_LONGEST_US = 1 << 28  # of an edge; a byte or two of memory for each microsecond
+_MAX_EDGE_US = 1e18  # int64 holds it
+_MAX_US = 1 << 28  # of an edge; a byte or two of memory for each microsecond
 
 
 @compiler(Path(__file__).parent)
@@ -41,7 +41,7 @@ def _count_intervals(
 def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     edges = np.asarray(edges_us)
     right = edges.ndim == 1 and edges.size > 1 and np.issubdtype(edges.dtype, np.integer)
-    if not (right and edges[0] >= 0 and edges[-1] < _LONGEST_US and np.all(edges[1:] > edges[:-1])):
+    if not (right and edges[0] >= 0 and edges[-1] < _MAX_US and np.all(edges[1:] > edges[:-1])):
         first = ", ".join(f"{edge}" for edge in edges.ravel()[:4])
         raise EventError(
             f"IntervalHistogram: found {edges.size} edges_us of {edges.dtype}, {first}…, expected "
@@ -255,10 +255,10 @@ def log_bin_edges_us(
     >>> log_bin_edges_us(10, 1000, per_decade=3)
     array([  10,   22,   46,  100,  215,  464, 1000])
     """
-    if not 1 <= shortest_us < longest_us <= _LARGEST_EDGE_US:
+    if not 1 <= shortest_us < longest_us <= _MAX_EDGE_US:
         raise EventError(
             f"log_bin_edges_us: found {shortest_us} to {longest_us} us, expected times from 1 to "
-            f"{_LARGEST_EDGE_US:g} us, the longest after the shortest"
+            f"{_MAX_EDGE_US:g} us, the longest after the shortest"
         )
     decades = np.log10(longest_us / shortest_us)
     if not decades * per_decade >= 0.5:

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from eres_render.progress import Progress as OnProgress
 
 _LINE_EVERY_S = 60.0
-_LEAST_DONE = 0.01  # of the work, to tell the time left; before, loading and compiling set the pace
+_MIN_DONE = 0.01  # of the work, to tell the time left; before, loading and compiling set the pace
 
 
 @contextmanager
@@ -61,7 +61,7 @@ class _Lines:
         elapsed_s = now_s - self._start_s
         line = f"{stage}: {_clock(elapsed_s)} elapsed"
         reached, whole = done - self._found, total - self._found
-        if reached > _LEAST_DONE * whole:
+        if reached > _MIN_DONE * whole:
             line += f", {_clock(elapsed_s * (whole / reached - 1))} left"
         self._console.print(line, soft_wrap=True)
 

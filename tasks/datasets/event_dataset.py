@@ -27,7 +27,7 @@ from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_rec
 from tasks.errors import TaskError
 from tasks.origin import shift_us
 
-_MOST_OPEN = 32  # files that a process keeps open
+_MAX_OPEN = 32  # files that a process keeps open
 
 _AT_A_TIME = ("depth", "pose", "instances")  # truth at a time; the rest is over an interval
 
@@ -223,7 +223,7 @@ def _reader(path: Path) -> DsecReader:
     return _opened_reader(path, _version(path))
 
 
-@lru_cache(maxsize=_MOST_OPEN)
+@lru_cache(maxsize=_MAX_OPEN)
 def _opened_reader(path: Path, _: tuple[int, ...]) -> DsecReader:
     return DsecReader(path)
 
@@ -236,7 +236,7 @@ def _clip(folder: Path) -> RadianceSequence:
     return _opened_clip(folder, _version(folder / "manifest.json"))
 
 
-@lru_cache(maxsize=_MOST_OPEN)
+@lru_cache(maxsize=_MAX_OPEN)
 def _opened_clip(folder: Path, _: tuple[int, ...]) -> RadianceSequence:
     return open_sequence(folder)
 

@@ -16,7 +16,7 @@ from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
 
-_MOST_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
+_MAX_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
 
 _T = TypeVar("_T")
 
@@ -122,7 +122,7 @@ class ReferenceFrames:
         with self._picturing:  # sensors are scored by several threads
             if key not in self._pictures:
                 log_image = log_light(self.sequence, t_s, dark_level)
-                if len(self._pictures) >= _MOST_PICTURES:  # they ask for one time after another
+                if len(self._pictures) >= _MAX_PICTURES:  # they ask for one time after another
                     del self._pictures[next(iter(self._pictures))]
                 self._pictures[key] = picture(log_image, log_image.shape, equalization)
             return self._pictures[key]

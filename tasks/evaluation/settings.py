@@ -22,7 +22,7 @@ MAY_BE_ZERO = {"may be zero": True}
 
 Equalization = Literal["none", "global", "local", "clahe"]
 
-_MOST_IMAGES = 1_000_000  # that one stretch of video scores
+_MAX_IMAGES = 1_000_000  # that one stretch of video scores
 _WINDOW_S = 1e-6 * WINDOW_US
 """Default length of the windows of E2VID, seconds of the path."""
 
@@ -331,10 +331,10 @@ class Video(NetworkSettings):
     def __post_init__(self) -> None:
         if self.e2vid_window_s is not None and self.e2vid_events_per_px is not None:
             raise TaskError("found e2vid_window_s and e2vid_events_per_px, expected one of them")
-        if 0 < self.every_s * _MOST_IMAGES < self.duration_s:
+        if 0 < self.every_s * _MAX_IMAGES < self.duration_s:
             raise TaskError(
                 f"every_s: found {self.every_s:g} s, expected at least "
-                f"{self.duration_s / _MOST_IMAGES:g} s, for at most {_MOST_IMAGES} images"
+                f"{self.duration_s / _MAX_IMAGES:g} s, for at most {_MAX_IMAGES} images"
             )
         if self.every_s > 0 and self.images < 1:
             raise TaskError(

@@ -26,7 +26,7 @@ from tasks.footage.motion import displacements_px
 _log = logging.getLogger(__name__)
 
 _FAR_PX = 1.0
-_MOST_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
+_MAX_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
 # Motion from frame to frame, px, and the smallest and largest share of events that is lost on the
 # rendered scenes; see docs/footage.md.
 _LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
@@ -106,9 +106,9 @@ def _steps(interpolate: str | None) -> int | None:
     """Return the number of intervals, None if it is not given."""
     if interpolate is None or interpolate == "auto":
         return None
-    if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MOST_STEPS:
+    if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MAX_STEPS:
         raise TaskError(
-            f"interpolate: found {interpolate!r}, expected auto, or 1 to {_MOST_STEPS}; auto "
+            f"interpolate: found {interpolate!r}, expected auto, or 1 to {_MAX_STEPS}; auto "
             "leaves half a pixel of motion from frame to frame, and less changes nothing"
         )
     return int(interpolate)

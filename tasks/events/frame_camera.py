@@ -23,7 +23,7 @@ from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
-_MOST_DRAWN = 1e18  # that NumPy draws; far above every full well
+_MAX_DRAWN = 1e18  # that NumPy draws; far above every full well
 
 FILE_NAME = "images.json"
 _IN_USE = {  # by the names of its files, what a folder holds
@@ -201,7 +201,7 @@ def developed(
         (H, W) codes from 0 to 255.
     """
     if options.full_well < math.inf:
-        mean = np.minimum(options.full_well * light, _MOST_DRAWN)
+        mean = np.minimum(options.full_well * light, _MAX_DRAWN)
         electrons = rng.poisson(mean).astype(np.float64)
         electrons += options.read_noise * rng.standard_normal(light.shape)
         light = electrons / options.full_well

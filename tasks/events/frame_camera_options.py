@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from eres_render.storage.json_values import use_python_numbers
 from tasks.errors import TaskError
 
-_MOST_ELECTRONS = 1e15
-_LEAST_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
+_MAX_ELECTRONS = 1e15
+_MIN_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,14 +41,14 @@ class FrameCameraOptions:
         TaskError
             The text names the option.
         """
-        if not _LEAST_EXPOSURE_S <= self.exposure < math.inf:
+        if not _MIN_EXPOSURE_S <= self.exposure < math.inf:
             raise TaskError(
-                f"exposure: found {self.exposure}, expected at least {_LEAST_EXPOSURE_S:g} seconds"
+                f"exposure: found {self.exposure}, expected at least {_MIN_EXPOSURE_S:g} seconds"
             )
-        if not (0 < self.full_well <= _MOST_ELECTRONS or self.full_well == math.inf):
+        if not (0 < self.full_well <= _MAX_ELECTRONS or self.full_well == math.inf):
             raise TaskError(
                 f"full_well: found {self.full_well}, expected a positive number of at most "
-                f"{_MOST_ELECTRONS:g}, or inf"
+                f"{_MAX_ELECTRONS:g}, or inf"
             )
         if not 0 <= self.read_noise < math.inf:
             raise TaskError(f"read_noise: found {self.read_noise}, expected a number of at least 0")

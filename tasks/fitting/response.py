@@ -14,11 +14,11 @@ from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, tiles_of, units
 
-_LEAST_STEPS = 2
-_LEAST_EVENTS = 3.0  # mean number of events of a pixel after a step
+_MIN_STEPS = 2
+_MIN_EVENTS = 3.0  # mean number of events of a pixel after a step
 _LATE = 0.25  # of the early events of a pixel that sees the lamp, at most
 _POINTS = 120  # of the curve
-_LEAST_POINTS = 5  # one more than parameters
+_MIN_POINTS = 5  # one more than parameters
 _FROM = 1.0  # events of a pixel, as the first one depends on its memory
 _DRAWS = 100
 _TAIL = 0.995
@@ -111,9 +111,9 @@ class _Answers(NamedTuple):
 
 
 def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
-    if len(rises_us) < _LEAST_STEPS or np.any(np.diff(rises_us) <= 0):
+    if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
         raise TaskError(
-            f"steps: found {len(rises_us)} times, expected at least {_LEAST_STEPS}, increasing"
+            f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
         )
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
@@ -129,10 +129,10 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
-    if len(since_us) < _LEAST_EVENTS * max(trials, 1):
+    if len(since_us) < _MIN_EVENTS * max(trials, 1):
         raise TaskError(
             f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step, "
-            f"expected at least {_LEAST_EVENTS:g}: a larger step of the light, or other times"
+            f"expected at least {_MIN_EVENTS:g}: a larger step of the light, or other times"
         )
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
@@ -163,10 +163,10 @@ def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) ->
         starts_late = first_us > inside[0] and begun_us[0] > _LATER * begun_us[1:].max()
         ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
-    if len(inside) < _LEAST_STEPS:
+    if len(inside) < _MIN_STEPS:
         raise TaskError(
             f"steps: found {len(inside)} of {len(rises_us)} whose answers are in the recording, "
-            f"from {first_us} to {last_us} us, expected at least {_LEAST_STEPS}"
+            f"from {first_us} to {last_us} us, expected at least {_MIN_STEPS}"
         )
     return inside
 
@@ -187,10 +187,10 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
         return until / (weights @ pixels * answers.steps)
 
     whole = mean_events(np.ones(tiles))
-    if (points := int(np.sum(whole >= _FROM + 0.5))) < _LEAST_POINTS:
+    if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
         raise TaskError(
             f"steps: found {points} different times at which the events after a step come, "
-            f"expected at least {_LEAST_POINTS}: finer times, or a light that rises more slowly"
+            f"expected at least {_MIN_POINTS}: finer times, or a light that rises more slowly"
         )
     fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda one: fits[one].cost)
@@ -203,7 +203,7 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
     curves = [mean_events(weights) for weights in draws]
     # Tiles with little light may be drawn alone.
-    curves = [one for one in curves if np.sum(one >= _FROM) >= _LEAST_POINTS]
+    curves = [one for one in curves if np.sum(one >= _FROM) >= _MIN_POINTS]
     if len(curves) < _DRAWS / 2:
         raise TaskError("steps: found too few pixels with several ON events after a step")
     drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])

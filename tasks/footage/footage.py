@@ -18,7 +18,7 @@ from tasks.footage.mending import Mender
 
 _log = logging.getLogger(__name__)
 
-_LEAST_FPS, _MOST_FPS = 1e-3, 1e8  # times are whole nanoseconds
+_MIN_FPS, _MAX_FPS = 1e-3, 1e8  # times are whole nanoseconds
 
 Float32 = NDArray[np.float32]
 Coded = NDArray[np.generic]
@@ -119,9 +119,9 @@ def open_footage(
     path = Path(path)
     if not path.exists():
         raise TaskError(f"{path}: found neither a video nor a folder of images under this name")
-    if fps is not None and not _LEAST_FPS <= fps <= _MOST_FPS:
+    if fps is not None and not _MIN_FPS <= fps <= _MAX_FPS:
         raise TaskError(
-            f"fps: found {fps}, expected {_LEAST_FPS:g} to {_MOST_FPS:g} frames per second"
+            f"fps: found {fps}, expected {_MIN_FPS:g} to {_MAX_FPS:g} frames per second"
         )
     coded: Callable[[], Iterator[Coded]]
     files: list[Path] = []

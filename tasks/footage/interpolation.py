@@ -16,7 +16,7 @@ from tasks.footage.motion import gray, optical_flow
 
 Float32 = NDArray[np.float32]
 
-_MOST_PX = 0.5  # largest motion per step
+_MAX_PX = 0.5  # largest motion per step
 
 
 def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
@@ -31,7 +31,7 @@ def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
     -------
     (T - 1,) numbers of steps.
     """
-    return [max(1, math.ceil(shift / _MOST_PX)) for shift in displacements_px]
+    return [max(1, math.ceil(shift / _MAX_PX)) for shift in displacements_px]
 
 
 def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:

@@ -20,7 +20,7 @@ Float32 = NDArray[np.float32]
 
 _MEASURED_PX = 320  # longer side of the images in which motion is measured
 _PERCENTILE = 95  # of the displacements, so that a few wrong vectors do not matter
-_LEAST_PX = 64  # DIS finds too little motion in images with a shorter side, or fails
+_MIN_PX = 64  # DIS finds too little motion in images with a shorter side, or fails
 _EDGE = 4.0  # gray levels per px: less is noise, and flow in a plain area means nothing
 
 
@@ -35,9 +35,7 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
     the footage; 0 without edges.
     """
     scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
-    width, height = (
-        max(_LEAST_PX, round(scale * side)) for side in (footage.width, footage.height)
-    )
+    width, height = (max(_MIN_PX, round(scale * side)) for side in (footage.width, footage.height))
     found = []
 
     def images() -> Iterator[NDArray[np.uint8]]:
@@ -107,7 +105,7 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
     (H, W, 2) float32 displacements of the points of `before`, px: x, then y.
     """
     height, width = before.shape
-    larger = max(width, _LEAST_PX), max(height, _LEAST_PX)
+    larger = max(width, _MIN_PX), max(height, _MIN_PX)
     first, second = (cv2.resize(one, larger) for one in (before, after))  # same size: a copy
     still = np.zeros((*larger[::-1], 2), np.float32)
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)

@@ -12,7 +12,7 @@ _EVENTS_PER_PX_S = 55
 _BYTES_A_FRAME_PX, _BYTES_A_TRUTH_PX, _BYTES_AN_EVENT = 1.5, 7.5, 2.8
 # CPU time
 _SEQUENCE_S, _FRAME_S, _SAMPLE_S = 6.0, 12e-3, 110e-9
-_MOST_CORES = 2  # cores that one sequence keeps busy
+_MAX_CORES = 2  # cores that one sequence keeps busy
 
 
 def estimate(settings: DatasetSettings, count: int) -> str:
@@ -28,7 +28,7 @@ def estimate(settings: DatasetSettings, count: int) -> str:
     a_file = events * _BYTES_AN_EVENT + truths * pixels * _BYTES_A_TRUTH_PX
     disk_bytes = frames * pixels * _BYTES_A_FRAME_PX + len(settings.cutoffs_hz) * a_file
     cpu_s = views * _SEQUENCE_S + frames * (_FRAME_S + pixels * settings.spp * _SAMPLE_S)
-    minutes = max(1, round(cpu_s / min(cores(), _MOST_CORES) / 60))
+    minutes = max(1, round(cpu_s / min(cores(), _MAX_CORES) / 60))
     disk = (
         f"{disk_bytes / 1e9:.2g} GB"
         if disk_bytes >= 1e9

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from eres_render.errors import check_positive, check_spp
-from eres_render.random_scenes.random_scene import MOST_LIGHT
+from eres_render.random_scenes.random_scene import MAX_LIGHT
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.atomic import write_text
@@ -29,9 +29,9 @@ from tasks.warm_up import needed_s
 
 FILE_NAME = "dataset.json"
 
-_LEAST_HZ = 0.01  # warms up for a minute and a half
-_MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
-_WIDEST_M = 0.3  # largest baseline of a pair of cameras
+_MIN_HZ = 0.01  # warms up for a minute and a half
+_MAX_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
+_MAX_M = 0.3  # largest baseline of a pair of cameras
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +115,7 @@ class DatasetSettings:
         check(
             "cutoffs_hz", different and positive, "positive numbers of Hz that differ in six digits"
         )
-        check("cutoffs_hz", min(cutoffs) >= _LEAST_HZ, f"at least {_LEAST_HZ:g} Hz")
+        check("cutoffs_hz", min(cutoffs) >= _MIN_HZ, f"at least {_MIN_HZ:g} Hz")
         needs_s = needed_s(min(cutoffs), 1.0, self.warm_up_s)
         check(
             "warm_up_s",
@@ -124,11 +124,11 @@ class DatasetSettings:
         )
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
-        most = self.sensor.contrast_threshold / _MOST_DEVIATIONS
+        most = self.sensor.contrast_threshold / _MAX_DEVIATIONS
         check("threshold_deviation", self.threshold_deviation < most, f"less than {most:g}")
         baseline_m = self.baseline_m
-        fits = baseline_m is None or 0 < baseline_m <= _WIDEST_M
-        check("baseline_m", fits, f"above 0 and at most {_WIDEST_M} m")
+        fits = baseline_m is None or 0 < baseline_m <= _MAX_M
+        check("baseline_m", fits, f"above 0 and at most {_MAX_M} m")
         self.imu.check()
         self.camera.check()
         rate_hz = self.images_hz
@@ -169,11 +169,11 @@ class DatasetSettings:
             The sensor has no size.
         """
         away = self._rng(number).normal(0.0, 1.0)
-        away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
+        away = float(np.clip(away, -_MAX_DEVIATIONS, _MAX_DEVIATIONS))
         C = self.sensor.contrast_threshold + away * self.threshold_deviation
         camera = self.sensor.with_threshold(C)
         return {
-            f"{hz:g}": camera.model(cutoff_hz=hz, white=white_level, dark_white=MOST_LIGHT)
+            f"{hz:g}": camera.model(cutoff_hz=hz, white=white_level, dark_white=MAX_LIGHT)
             for hz in self.cutoffs_hz
         }
 

@@ -18,7 +18,7 @@ from tasks.learned.size import check_memory
 
 # Images are padded to multiples of 32 px. At 96 px the coarsest level of the correlation has one
 # cell and nothing to interpolate; between, much of an image would be padding.
-LEAST_PX = 128
+MIN_PX = 128
 # At the peak. Measured: 650 in float32 at 640x480 px with one update, without the grids of events;
 # the process in docs/learned.md has 1050 at 1280 px, of which PyTorch itself is a part.
 _BYTES_PER_PX = 850
@@ -41,10 +41,10 @@ class ERaft:
         width, height
             Size of the sensor, px.
         """
-        if min(width, height) < LEAST_PX:
+        if min(width, height) < MIN_PX:
             raise WeightsError(
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
-                f"{LEAST_PX} px on each side"
+                f"{MIN_PX} px on each side"
             )
         check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 

@@ -25,7 +25,7 @@ from tasks.errors import TaskError
 
 WINDOW_US = 25_000.0  # of base time
 DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
-_LEAST_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is the previous one
+_MIN_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is the previous one
 
 
 def even_window_us(step_us: float) -> float:
@@ -129,7 +129,7 @@ class E2vid:
         if self._count is None and self._origin_us is not None:
             while self._end_us <= t_us:
                 self._end_window()
-            if t_us - self._start_us > _LEAST_SHARE * self._window_us:
+            if t_us - self._start_us > _MIN_SHARE * self._window_us:
                 self._end_window()
                 self._origin_us, self._ended = float(t_us), 0
         return self._image

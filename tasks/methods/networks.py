@@ -18,7 +18,7 @@ _OURS = Path(__file__).parents[1] / "learned" / "weights"  # weights that come w
 _KEPT = 4  # networks in memory
 # Of the machine's memory; the rest is for sensors, frames, events and a network at work. A study
 # with 90 sensors took 22.4 GB where networks kept 12.3 GB (docs/results.md).
-_MOST_KEPT = 1 / 2
+_MAX_KEPT = 1 / 2
 
 
 def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
@@ -126,7 +126,7 @@ def check_kept(kept: Mapping[str, int], sensors: int) -> None:
     kept
         What each network keeps for all sensors together, bytes, by its name.
     """
-    if (needed := sum(kept.values())) > _MOST_KEPT * (there := memory_bytes()):
+    if (needed := sum(kept.values())) > _MAX_KEPT * (there := memory_bytes()):
         raise WeightsError(
             f"{' and '.join(kept)}: for {sensors} sensors (one for each light and speed) networks "
             f"keep {needed / 1e9:.1f} GB in memory, more than half of this machine's "

@@ -12,7 +12,7 @@ from scipy import stats
 
 TILE_PX = 8  # side of a tile; pixels of a tile see the same things, so whole tiles are resampled
 _DRAWS = 400
-_LEAST_TILES = 8  # of fewer, too few draws differ
+_MIN_TILES = 8  # of fewer, too few draws differ
 _LOW_HIGH = (2.5, 97.5)  # percent
 
 
@@ -95,7 +95,7 @@ def units(tile: NDArray[np.int64], pixel: NDArray[np.int64]) -> NDArray[np.int64
     (N,) numbers from 0 up
     """
     tiles, unit = np.unique(tile, return_inverse=True)
-    return unit if len(tiles) >= _LEAST_TILES else np.unique(pixel, return_inverse=True)[1]
+    return unit if len(tiles) >= _MIN_TILES else np.unique(pixel, return_inverse=True)[1]
 
 
 def bootstrap(

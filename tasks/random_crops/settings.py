@@ -10,7 +10,7 @@ from eres_render.errors import check_positive
 from sensor.cameras import EventCamera, find_camera
 from tasks.errors import TaskError
 
-MOST_SIDE_PX = 1024
+MAX_SIDE_PX = 1024
 """Largest side of a crop."""
 
 CropLight = Literal["ideal", "all"]
@@ -70,8 +70,8 @@ class Crops:
         return camera.on(self.side_px, self.side_px)
 
     def __post_init__(self) -> None:
-        if not 16 <= self.side_px <= MOST_SIDE_PX:
-            raise TaskError(f"side_px: found {self.side_px}, expected 16 to {MOST_SIDE_PX}")
+        if not 16 <= self.side_px <= MAX_SIDE_PX:
+            raise TaskError(f"side_px: found {self.side_px}, expected 16 to {MAX_SIDE_PX}")
         if not 0 <= self.ideal_share <= 1:
             raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
         for name in ("window_ms", "max_displacement_px"):

@@ -21,7 +21,7 @@ jit = compiler(Path(__file__).parent)
 SIDE = 512  # texels, a power of two
 DARKEST, BRIGHTEST = 0.01, 1.0
 _GRAIN = (0.05, 3.0)  # of the contrast without it: flat areas, or nothing but grain
-_LEAST_LEAF, _LARGEST_LEAF = 2.0, 80.0  # radii in texels
+_MIN_LEAF, _MAX_LEAF = 2.0, 80.0  # radii in texels
 _COVER = 4.0  # mean number of leaves over a texel
 _MOTIFS = (32, 64, 128)  # sides, texels
 
@@ -91,11 +91,11 @@ def _motif(rng: np.random.Generator) -> Float32:
 
 def _leaves(rng: np.random.Generator) -> Float32:
     """Return dead leaves: ellipses and rectangles of power-law sizes, each over those before it."""
-    ratio = (_LEAST_LEAF / _LARGEST_LEAF) ** 2
-    mean_square = _LEAST_LEAF**2 * -np.log(ratio) / (1 - ratio)  # of radii
+    ratio = (_MIN_LEAF / _MAX_LEAF) ** 2
+    mean_square = _MIN_LEAF**2 * -np.log(ratio) / (1 - ratio)  # of radii
     count = int(_COVER * SIDE**2 / (3.5 * 0.7 * mean_square))  # leaves are 0.4 to 1 as wide as long
     share = rng.random(count)
-    radii = _LEAST_LEAF / np.sqrt(1 - share * (1 - ratio))  # density r^-3
+    radii = _MIN_LEAF / np.sqrt(1 - share * (1 - ratio))  # density r^-3
     leaves = np.column_stack(
         [
             rng.uniform(0, SIDE, (count, 2)),

@@ -21,7 +21,7 @@ from tasks.recording.worth import Explained
 
 REACH_US = 20_000
 STEP_US = 1_000
-_MOST_PAIRS = 5  # pairs of frames that a shift is estimated from
+_MAX_PAIRS = 5  # pairs of frames that a shift is estimated from
 _WORSE = 0.06  # of their change; at the right shift 0.04 or less, in simulations
 
 
@@ -69,7 +69,7 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
     Shift
         None if no pair is 20 ms or more inside the recording, or the best shift is at either end.
     """
-    pairs = inside(recording, frames, REACH_US)[:_MOST_PAIRS]
+    pairs = inside(recording, frames, REACH_US)[:_MAX_PAIRS]
     shifts_us = range(-REACH_US, REACH_US + STEP_US, STEP_US)
     left = _unexplained(recording, frames, pairs, shifts_us)
     best = int(np.argmin(left))

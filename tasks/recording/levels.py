@@ -28,10 +28,10 @@ from tasks.recording.frames import Frames
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-_MOST_FRAMES = 200  # of the stretch with most events
-_MOST_STEPS = 1000  # frames after interpolation
-_MOST_PIXELS = 4096
-_MOST_EVENTS = 40_000  # events whose light is used; all are counted
+_MAX_FRAMES = 200  # of the stretch with most events
+_MAX_STEPS = 1000  # frames after interpolation
+_MAX_PIXELS = 4096
+_MAX_EVENTS = 40_000  # events whose light is used; all are counted
 _BLOCK = 8  # events; over longer blocks, differences between the pixels' thresholds add up
 _SATURATED = 0.98  # of the brightest light
 _LEAST = 100  # events
@@ -71,7 +71,7 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
             f"{frames.files[0].parent}: found {len(within)} frames within the time of the events, "
             "expected three or more"
         )
-    length = min(_MOST_FRAMES, len(within)) - 1
+    length = min(_MAX_FRAMES, len(within)) - 1
     until = np.concatenate([[0], np.cumsum(count[within[:-1]])])
     start = within[0] + int(np.argmax(until[length:] - until[:-length]))
     return frames.some(np.arange(start, start + length + 1))
@@ -92,7 +92,7 @@ def light_between(frames: Frames) -> Footage:
     """
     own = frames.footage()
     steps = steps_for(displacements_px(own))
-    fit = int(np.searchsorted(np.cumsum(steps), _MOST_STEPS, side="right"))
+    fit = int(np.searchsorted(np.cumsum(steps), _MAX_STEPS, side="right"))
     if fit < len(steps):
         own = frames.some(np.arange(max(fit, 1) + 1)).footage()
     return interpolated(own, steps[: max(fit, 1)])
@@ -250,7 +250,7 @@ def levels_of(
     every = np.arange(len(count))
     tile = tiles_of(every // events.width, every % events.width, events.width)
     of_tile = np.bincount(tile, count)
-    first = np.argsort(-of_tile, kind="stable")[: max(1, _MOST_PIXELS // 64)]
+    first = np.argsort(-of_tile, kind="stable")[: max(1, _MAX_PIXELS // 64)]
     used = np.flatnonzero((count > 1) & np.isin(tile, first))
     rows = np.stack([frame.ravel()[used] for frame in light])
     number = np.full(len(count), -1)
@@ -261,7 +261,7 @@ def levels_of(
     t_us, pixel, p = t_us[order], pixel[order], p[order]
     settling_us = SETTLING * (light_us[-1] - light_us[0])
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
-    thinning = max(1, -(-len(pixel) // _MOST_EVENTS))
+    thinning = max(1, -(-len(pixel) // _MAX_EVENTS))
     settled = (t_us > light_us[0] + settling_us) & (t_us < light_us[-1] - 0.5 * settling_us)
     k = np.clip(np.searchsorted(light_us, t_us, side="right") - 1, 0, len(rows) - 2)
     bright = np.minimum(rows[k, pixel], rows[k + 1, pixel])

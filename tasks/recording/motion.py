@@ -28,7 +28,7 @@ _AS_WELL = 0.1
 # Of what a delay leaves: a filter that explains less may be that of the errors of the light, which
 # explains up to 0.057 in simulations of sensors without one.
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
-_LEAST_US = 1.0  # delay of a sensor that is not late
+_MIN_US = 1.0  # delay of a sensor that is not late
 _EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well
 _AT_MOST = 0.999  # of the longest delay: a search that ends beyond would have gone on
 
@@ -183,7 +183,7 @@ def lag(levels: Levels) -> tuple[float, float, int]:
         The events do not follow the light, or are later by a twentieth of its time or more.
     """
     delay_us = best_delay_us(levels)
-    if delay_us < _LEAST_US:
+    if delay_us < _MIN_US:
         return delay_us, 0.0, 2
     fits = {poles: _Fit(levels, poles, delay_us) for poles in (1, 2)}
     poles = min(fits, key=lambda poles: fits[poles].costs.sum())
@@ -206,7 +206,7 @@ class _Fit:
         self._levels, self._poles = levels, poles
         self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
         most_us = levels.longest_delay_us
-        start_us = min(max(start_us, _LEAST_US), most_us)
+        start_us = min(max(start_us, _MIN_US), most_us)
         line = fit_line(levels, start_us)
         if not min(line.on, line.off) > 0:  # NaN as well
             raise misfit()
@@ -218,7 +218,7 @@ class _Fit:
                 self._left,
                 [start_us, share, *thresholds],
                 self._slopes,
-                bounds=([_LEAST_US, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
+                bounds=([_MIN_US, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
                 x_scale=[0.1 * start_us, 0.3, 0.1, 0.1],
                 loss="huber",
                 f_scale=self._scale,

@@ -27,7 +27,7 @@ from tasks.registry import TASKS
 from tasks.video import EQUALIZATIONS, ImageTaker, picture
 
 TIMES = "timestamps.txt"
-_MOST_IMAGES = 10**6
+_MAX_IMAGES = 10**6
 
 
 def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
@@ -69,8 +69,8 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
             f"{1e-6 * recording.end_us:.6f} s, in which there is no image at {options.fps:g} per "
             "second; choose a higher --fps, or --start and --end"
         )
-    if count > _MOST_IMAGES:
-        raise TaskError(f"found {count} images, expected at most {_MOST_IMAGES}; lower --fps")
+    if count > _MAX_IMAGES:
+        raise TaskError(f"found {count} images, expected at most {_MAX_IMAGES}; lower --fps")
     return [round(start_us + k * step_us) for k in range(count)]
 
 

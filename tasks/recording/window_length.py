@@ -17,7 +17,7 @@ from tasks.recording.recording import Recording, cut
 ENOUGH_PX = 4.0
 """Median errors of contrast maximization in simulated rotations with noise: 30 % of a motion of 1
 px, 10 % of 2 px, 4 to 10 % of 4 px; longer windows only take in more change of the motion."""
-_SHORTEST_US, _LONGEST_US = 4_000, 500_000
+_MIN_US, _MAX_US = 4_000, 500_000
 _PLACES = 5  # in the recording
 _CORNERS = 10  # at each place
 
@@ -62,7 +62,7 @@ def with_motion(
         return options
     check(options)
     whole_us = recording.end_us - recording.start_us
-    longest_us = min(_LONGEST_US, max(1, whole_us // (2 if with_before else 1)))
+    longest_us = min(_MAX_US, max(1, whole_us // (2 if with_before else 1)))
     start = Start(options, recording.size[0])
     enough_px = min(ENOUGH_PX, 0.5 * start.reach_px)
     least_px = 0.5 * enough_px
@@ -85,7 +85,7 @@ def with_motion(
 
 def _motion(events: Events, begin_us: int, longest_us: int, start: Start, least_px: float) -> float:
     """Return the motion in the first window that shows `least_px`, px/us; 0 if none does."""
-    length_us = min(_SHORTEST_US, longest_us)
+    length_us = min(_MIN_US, longest_us)
     while True:
         window = Window(begin_us, begin_us + length_us)
         during = events.between(window.start_us, window.end_us)

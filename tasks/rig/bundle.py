@@ -38,15 +38,15 @@ PARAMETERS = (
 )
 LATENCY, SCALE, CORNER_BIAS = "latency_ms", "scale", "corner_bias_px"
 
-_LEAST_IMAGES, _LEAST_MARKERS = 3, 6
+_MIN_IMAGES, _MIN_MARKERS = 3, 6
 _OUTLIER = 4.0  # robust standard deviations of the residuals of all corners
-_LEAST_SIGMA_PX = 0.05  # lower limit of that standard deviation
-_LEAST_INLIERS = 0.5
+_MIN_SIGMA_PX = 0.05  # lower limit of that standard deviation
+_MIN_INLIERS = 0.5
 _ROUNDS = 10
-_MOST_STEPS = 200
+_MAX_STEPS = 200
 _WORST_CONDITION = 1e-6  # smallest singular value of the scaled Jacobian, over the largest
-_LEAST_SPEED = 0.2  # fraction of the highest speed above which an image counts as moving
-_LEAST_SHARE = 0.1  # fraction of the moving images, in each direction
+_MIN_SPEED = 0.2  # fraction of the highest speed above which an image counts as moving
+_MIN_SHARE = 0.1  # fraction of the moving images, in each direction
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -198,9 +198,9 @@ def solve(
         values = model.fit(used, values)
         off_px = np.linalg.norm(model.residuals(corners, values), axis=-1)
         # The median length of a vector of two standard normal components is 1.1774.
-        sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _LEAST_SIGMA_PX)
+        sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _MIN_SIGMA_PX)
         now = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
-        if now.mean() < _LEAST_INLIERS:
+        if now.mean() < _MIN_INLIERS:
             raise RigError(
                 f"solve: found {np.sum(~now)} of {len(now)} markers that contradict the others, "
                 f"expected fewer than half; is this the page and the camera of the recording?"
@@ -216,19 +216,19 @@ def solve(
 
 def _check_enough(corners: Corners) -> None:
     images, markers = len(np.unique(corners.t_us)), len(corners.t_us)
-    if images < _LEAST_IMAGES or markers < _LEAST_MARKERS:
+    if images < _MIN_IMAGES or markers < _MIN_MARKERS:
         raise RigError(
             f"solve: found {markers} markers in {images} images, expected at least "
-            f"{_LEAST_MARKERS} in {_LEAST_IMAGES}"
+            f"{_MIN_MARKERS} in {_MIN_IMAGES}"
         )
 
 
 def _check_both_directions(slider: Slider, corners: Corners) -> None:
     """Refuse to estimate a latency from motion in one direction only."""
     speed = slider.speed_mps(np.unique(corners.t_us))
-    fast = abs(speed) > _LEAST_SPEED * abs(speed).max(initial=0.0)
+    fast = abs(speed) > _MIN_SPEED * abs(speed).max(initial=0.0)
     there, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
-    if min(there, back) < max(1, _LEAST_SHARE * (there + back)):
+    if min(there, back) < max(1, _MIN_SHARE * (there + back)):
         raise RigError(
             f"solve: latency: found {there} images on the way there and {back} on the way back, "
             "expected both, as motion in one direction cannot tell latency from position; leave "
@@ -336,7 +336,7 @@ class _Model:
                 jac="2-point",
                 x_scale="jac",
                 method="trf",
-                max_nfev=_MOST_STEPS,
+                max_nfev=_MAX_STEPS,
             )
         except RenderError:  # the page is behind the camera
             raise RigError(

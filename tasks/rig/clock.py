@@ -18,11 +18,9 @@ Float64 = NDArray[np.float64]
 
 FILE_NAME = "triggers.csv"
 
-_MOST_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
+_MAX_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
 _FARTHEST_US = 1000.0  # largest distance of an edge from the fitted line
-_LEAST_SPAN = (
-    0.1  # of the edges, as a part of the readings, for a drift that holds for all of these
-)
+_MIN_SPAN = 0.1  # of the edges, as a part of the readings, for a drift that holds for all of these
 
 
 def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers]) -> Slider:
@@ -52,14 +50,14 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
             )
     if not len(slider_us):
         raise RigError(f"{file}: found no edge, expected one or more")
-    spans = float(np.ptp(slider_us)) >= _LEAST_SPAN * float(np.ptp(slider.t_us))
+    spans = float(np.ptp(slider_us)) >= _MIN_SPAN * float(np.ptp(slider.t_us))
     drift = _drift(slider_us, t_us) if spans else 0.0
     zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
-    if not (abs(drift) < _MOST_DRIFT and off_us.max() < _FARTHEST_US):
+    if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):
         raise RigError(
             f"{file}: found edges that fit to {off_us.max():.0f} us with a drift of {drift:.2g}, "
-            f"expected {_FARTHEST_US:.0f} us and {_MOST_DRIFT:g}: is one missing?"
+            f"expected {_FARTHEST_US:.0f} us and {_MAX_DRIFT:g}: is one missing?"
         )
     return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)
 

@@ -43,7 +43,7 @@ EVENTS_NAME = "events.h5"
 
 _ALONG_SIDE = 65  # points of a side, which a lens bends
 _POSITIONS = 33  # positions of the slider at which fields are compared
-_MOST_ROLL_DEG = 20  # beyond, hardly any upright box fits into the rolled one
+_MAX_ROLL_DEG = 20  # beyond, hardly any upright box fits into the rolled one
 _POSES_US = 1000  # time between two written poses and homographies
 
 
@@ -143,10 +143,10 @@ def common_boxes(
     for pose in poses:
         right = poses[nearest].R_world_cam[:, :2].T @ pose.R_world_cam[:, 0]
         roll_deg = math.degrees(math.atan2(right[1], right[0]))
-        if _MOST_ROLL_DEG < abs(roll_deg) < 180 - _MOST_ROLL_DEG:
+        if _MAX_ROLL_DEG < abs(roll_deg) < 180 - _MAX_ROLL_DEG:
             raise RigError(
                 f"crop: found a camera rolled by {roll_deg:.0f} degrees against the nearest one, "
-                f"expected at most {_MOST_ROLL_DEG}, or upside down"
+                f"expected at most {_MAX_ROLL_DEG}, or upside down"
             )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
     field = Box(0, 0, cameras[nearest].width, cameras[nearest].height)

@@ -23,11 +23,11 @@ from tasks.rig.cells import in_cells
 from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.places import Window
 from tasks.rig.prints import Print, prints_of
-from tasks.rig.source import MOST_ITEMS, Crop, CropSource
+from tasks.rig.source import MAX_ITEMS, Crop, CropSource
 from tasks.row import Row
 from tasks.tracking import PATH_S
 
-_MOST_EVENTS = 200_000  # of a path, with those of the delay after it
+_MAX_EVENTS = 200_000  # of a path, with those of the delay after it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ class RigEvaluation:
         sigmas_mm = (self.initial_sigma_mm,)
         tracking = Tracking(methods=self.tracking, sigmas_mm=sigmas_mm, seed=self.seed)
         delay_us = tracking.delay_us
-        events = int(_MOST_EVENTS / (1 + 1e-6 * delay_us / PATH_S))
+        events = int(_MAX_EVENTS / (1 + 1e-6 * delay_us / PATH_S))
         return {
             "flow": Flow(
                 methods=self.flow,
@@ -140,7 +140,7 @@ def evaluate_rig(
             "crops: found nothing to score: no task, no corners in the picture, or windows too "
             "close to the ends of the slider's readings for tracking"
         )
-    return in_cells(found, dict.fromkeys(every, MOST_ITEMS))
+    return in_cells(found, dict.fromkeys(every, MAX_ITEMS))
 
 
 def rows_of(

@@ -32,8 +32,8 @@ Float64 = NDArray[np.float64]
 _CUTOFF_HZ = 0.5
 _IMAGES = 9  # of the filter in each recording
 _ENLARGED = 4
-_LEAST_VIEWS = 3
-_MOST_SIGMA = 0.05  # of the focal length
+_MIN_VIEWS = 3
+_MAX_SIGMA = 0.05  # of the focal length
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 
 
@@ -142,10 +142,10 @@ def calibrate(
     camera, sigmas, rms_px
         As in `Intrinsics`.
     """
-    if len(views_px) < _LEAST_VIEWS:
+    if len(views_px) < _MIN_VIEWS:
         raise RigError(
             f"intrinsics: found the board in {len(views_px)} recordings, expected at least "
-            f"{_LEAST_VIEWS} views, tilted against each other"
+            f"{_MIN_VIEWS} views, tilted against each other"
         )
     points = [board.points_m()] * len(views_px)
     # OpenCV puts (0, 0) at the center of the first pixel.
@@ -164,10 +164,10 @@ def calibrate(
         for one, turn, place in zip(points, turns, places, strict=True)
     ]
     sigmas = _sigmas(derivatives, rms_px)
-    if not sigmas[0] < _MOST_SIGMA * K[0, 0]:
+    if not sigmas[0] < _MAX_SIGMA * K[0, 0]:
         raise RigError(
             f"intrinsics: found a focal length of {K[0, 0]:.4g} px with a standard deviation of "
-            f"{sigmas[0]:.2g} px, expected at most {100 * _MOST_SIGMA:g} %; tilt the board more, "
+            f"{sigmas[0]:.2g} px, expected at most {100 * _MAX_SIGMA:g} %; tilt the board more, "
             "and differently in each view"
         )
     camera = Camera(

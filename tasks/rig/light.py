@@ -19,7 +19,7 @@ from tasks.rig.page_view import page_views
 
 _STEP_PX = 0.5  # motion between two frames of the light
 _STEP_US = 100.0  # time between two positions of which the motion is known
-_MOST_STEPS = 1000
+_MAX_STEPS = 1000
 _NEAR_M = 1e-4  # on both sides of a position of the slider, for the motion there
 
 
@@ -48,7 +48,7 @@ def light_of_crop(folder: Path) -> Footage:
     if steps < 2:
         raise RigError(f"{folder}: found {_STEP_PX * way[-1]:.2g} px of motion, expected some")
     knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
-    length = min(_MOST_STEPS, steps)
+    length = min(_MAX_STEPS, steps)
     start = int(np.argmin(knots_us[length:] - knots_us[:-length]))
     chosen_us = knots_us[start : start + length + 1]
     positions_m = slider.position_m(chosen_us)

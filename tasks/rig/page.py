@@ -35,7 +35,7 @@ PICTURES = {
 }
 
 _BORDER_CELLS = 1  # black cells around a marker's code
-_LONGEST_SIDE = 32_766  # dots, of images that OpenCV warps
+_MAX_SIDE = 32_766  # dots, of images that OpenCV warps
 _WHITE = 0.25  # smallest white margin around a marker, as a fraction of its side
 
 
@@ -97,9 +97,9 @@ def lay_out(settings: PageSettings) -> Page:
     dot_m = INCH_M / settings.dpi
     cells = dictionary.markerSize + 2 * _BORDER_CELLS
     longest = max(settings.width_m, settings.height_m) / dot_m
-    if not longest <= _LONGEST_SIDE:
+    if not longest <= _MAX_SIDE:
         raise RigError(
-            f"page: found a side of {longest:.6g} dots, expected at most {_LONGEST_SIDE}; choose a "
+            f"page: found a side of {longest:.6g} dots, expected at most {_MAX_SIDE}; choose a "
             "lower dpi or a smaller page"
         )
     width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))

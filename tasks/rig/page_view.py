@@ -16,7 +16,7 @@ from tasks.rig.page import PAPER, Page
 
 Float64 = NDArray[np.float64]
 
-_MOST_SUPERSAMPLES = 4
+_MAX_SUPERSAMPLES = 4
 
 
 def page_view(
@@ -51,7 +51,7 @@ def page_views(
         shrink = max(1, int(dots / 2))
         if shrink not in shrunk:
             shrunk[shrink] = _shrunk(light, shrink)
-        times = min(_MOST_SUPERSAMPLES, max(1, math.ceil(dots / shrink)))
+        times = min(_MAX_SUPERSAMPLES, max(1, math.ceil(dots / shrink)))
         steps = (np.arange(times) + 0.5) / times
         columns_px = (np.arange(crop_camera.width)[:, None] + steps).ravel()
         rows_px = (np.arange(crop_camera.height)[:, None] + steps).ravel()

@@ -15,7 +15,7 @@ from tasks.errors import RigError
 FILE_NAME = "rig.toml"
 
 INCH_M = 0.0254
-_LEAST_DPI, _MOST_DPI = 350.0, 4800.0
+_MIN_DPI, _MAX_DPI = 350.0, 4800.0
 _OF_A_RECORDING = ("page.png", "page.json", "rig.toml", "slider.csv", "truth.json", "frames.csv")
 
 
@@ -77,8 +77,8 @@ class PageSettings:
                 f"marker_pitch_m: found {self.marker_pitch_m}, expected at least 1.25 marker_m = "
                 f"{1.25 * self.marker_m:g}, for the white around each marker"
             )
-        if not _LEAST_DPI <= self.dpi <= _MOST_DPI:
-            raise RigError(f"dpi: found {self.dpi}, expected {_LEAST_DPI:g} to {_MOST_DPI:g}")
+        if not _MIN_DPI <= self.dpi <= _MAX_DPI:
+            raise RigError(f"dpi: found {self.dpi}, expected {_MIN_DPI:g} to {_MAX_DPI:g}")
         for name in ("picture_width_m", "picture_height_m"):
             if getattr(self, name) * self.dpi < INCH_M:
                 raise RigError(

@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 FILE_NAME = "slider.csv"
 
 _COLUMNS = ("t_us", "x_m")
-_LONGEST_GAP = 20.0  # times the median time between two readings, while the carriage moves
+_MAX_GAP = 20.0  # times the median time between two readings, while the carriage moves
 _STEP_US = 500  # time between two readings of the virtual encoder
 _MOVES = 0.05  # fraction of the highest speed below which the carriage is at rest
 
@@ -84,7 +84,7 @@ class Slider:
         if not moving.size:
             return
         moved = speeds > _MOVES * np.median(moving)
-        gaps = np.flatnonzero(moved & (steps_us > _LONGEST_GAP * usual_us))
+        gaps = np.flatnonzero(moved & (steps_us > _MAX_GAP * usual_us))
         if gaps.size:
             worst = gaps[np.argmax(steps_us[gaps])]
             raise RigError(

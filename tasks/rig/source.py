@@ -28,7 +28,7 @@ from tasks.video import picture
 
 Float64 = NDArray[np.float64]
 
-MOST_ITEMS = 1_000_000
+MAX_ITEMS = 1_000_000
 """Items of a task in a visit to a place."""
 
 _PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
@@ -142,6 +142,6 @@ class CropSource(Source):
             "speed": round(window.encoder_mps * self._pose.scale, 4),
             "sample": window.place,
             "event_rate_hz": 1e6 * count / (window.end_us - window.start_us),
-            "item": window.visit * MOST_ITEMS + score.item,
+            "item": window.visit * MAX_ITEMS + score.item,
             "t_us": window.end_us,
         }

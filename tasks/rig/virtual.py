@@ -40,7 +40,7 @@ _WALL = 0.6 * PAPER  # reflectance
 _BEHIND_M = 1e-4  # the wall is behind the page
 _MARGIN = 1.2  # size of the wall over what the camera sees of it
 _CLEARANCE_M = 0.01
-_LEAST_EXPOSURE_S = 2e-6  # start, middle and end are whole microseconds
+_MIN_EXPOSURE_S = 2e-6  # start, middle and end are whole microseconds
 
 _XML = (Path(__file__).parent / "page_scene.xml").read_text(
     encoding="utf-8"
@@ -120,9 +120,9 @@ def render_rig(
     if images < 0:
         raise RigError(f"images: found {images}, expected at least 0")
     frame_camera.check()
-    if frame_camera.exposure < _LEAST_EXPOSURE_S:
+    if frame_camera.exposure < _MIN_EXPOSURE_S:
         raise RigError(
-            f"exposure: found {frame_camera.exposure:g} s, expected at least {_LEAST_EXPOSURE_S:g}"
+            f"exposure: found {frame_camera.exposure:g} s, expected at least {_MIN_EXPOSURE_S:g}"
         )
     if frame_camera.exposure > settings.slider.pause_s:
         raise RigError(

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from tasks.study.run.jobs import Job
     from tasks.study.settings import Render, Simulate, Study
 
-_LEAST_HZ = 1e-3  # warms up for a quarter of an hour
-_MOST_THRESHOLD = math.log(65504 / 2**-24)  # frames are half-floats
-_LONGEST_S = 2000.0  # sensors take less than 2147 s between two frames
-_LEAST_DISPLACEMENT_PX = 0.001
-LEAST_RESOLUTION = 62
+_MIN_HZ = 1e-3  # warms up for a quarter of an hour
+_MAX_THRESHOLD = math.log(65504 / 2**-24)  # frames are half-floats
+_MAX_S = 2000.0  # sensors take less than 2147 s between two frames
+_MIN_DISPLACEMENT_PX = 0.001
+MIN_RESOLUTION = 62
 """Least side of a frame, px: `sensor.statistics.slopes_by_pixel_size` needs it for its blocks."""
 
 POSES = 1001  # along a path: the median distance is within 1 mm on carpet and rocks
@@ -78,15 +78,15 @@ def _check_lists(study: Study) -> None:
 def _check_frames(study: Study) -> None:
     """Refuse frames that the renderer or the scaling statistics cannot use."""
     for name, side in (("resolution", study.render.resolution), ("height", study.render.height)):
-        if side is not None and side < LEAST_RESOLUTION:
+        if side is not None and side < MIN_RESOLUTION:
             raise StudyError(
-                f"render.{name}: found {side} px, expected at least {LEAST_RESOLUTION}, which "
+                f"render.{name}: found {side} px, expected at least {MIN_RESOLUTION}, which "
                 "the scaling statistics need"
             )
     check_spp(study.render.spp, StudyError)
-    if (px := study.render.max_displacement_px) < _LEAST_DISPLACEMENT_PX:
+    if (px := study.render.max_displacement_px) < _MIN_DISPLACEMENT_PX:
         raise StudyError(
-            f"render.max_displacement_px: found {px}, expected at least {_LEAST_DISPLACEMENT_PX} px"
+            f"render.max_displacement_px: found {px}, expected at least {_MIN_DISPLACEMENT_PX} px"
         )
     if study.render.seed >= 1 << 32:
         raise StudyError(f"render.seed: found {study.render.seed}, expected less than 2^32")
@@ -152,15 +152,15 @@ def _check_models(study: Study) -> None:
     except SensorError as error:
         raise StudyError(f"simulate: {error}") from None
     slowest_hz = min(model.cutoff_hz for model in models)
-    if slowest_hz < _LEAST_HZ:
+    if slowest_hz < _MIN_HZ:
         raise StudyError(
-            f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_LEAST_HZ:g} Hz"
+            f"simulate: found a cutoff of {slowest_hz:g} Hz, expected at least {_MIN_HZ:g} Hz"
         )
     highest = max(min(model.contrast_threshold, model.off_threshold) for model in models)
-    if highest > _MOST_THRESHOLD:
+    if highest > _MAX_THRESHOLD:
         raise StudyError(
             f"simulate: found a contrast threshold of {highest:g}, expected at most "
-            f"{_MOST_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
+            f"{_MAX_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
         )
     if study.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
         check_buses(study.simulate, study.render)
@@ -298,12 +298,12 @@ def check_first_sensor(study: Study) -> None:
     render = study.render
     sensor, _, first = next(study.simulate.models(render))
     width, height = render.seen_px(first.width, first.height)
-    if min(width, height) < LEAST_RESOLUTION:
+    if min(width, height) < MIN_RESOLUTION:
         place, name = ("sensors", f"{sensor.name!r} of ") if sensor.name else ("widths", "")
         raise StudyError(
             f"simulate.{place}: found {name}{first.width}x{first.height} px first, which sees "
             f"{width}x{height} px of the frames, expected a first sensor that sees at least "
-            f"{LEAST_RESOLUTION} px on each side, which the scaling statistics need"
+            f"{MIN_RESOLUTION} px on each side, which the scaling statistics need"
         )
 
 
@@ -321,7 +321,7 @@ def check_facing(scene: Scene, path: Trajectory) -> None:
 def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
     """Refuse speeds whose window is shorter than a microsecond or longer than half an hour."""
     window_us = 1e6 * render.window_s
-    least, most = render.window_s / _LONGEST_S, window_us
+    least, most = render.window_s / _MAX_S, window_us
     for speed in simulate.speeds:
         if not least <= speed <= most:
             raise StudyError(

@@ -19,14 +19,14 @@ _PALETTE_PICTURES = 5  # first pictures, which determine the palette of a GIF
 _GRAYS = (40, 120, 200)  # of light behind events, for which it has their colors
 _WEBP_QUALITY = 60
 _TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of ticks
-_LEAST_TICKS = {".gif": 2, ".webp": 11}  # browsers play shorter pictures ten times slower
+_MIN_TICKS = {".gif": 2, ".webp": 11}  # browsers play shorter pictures ten times slower
 
 
 def possible_fps(kind: str, fps: float) -> float:
     """Return the frame rate closest to a given one that a kind of file can have."""
     if kind not in _TICKS_HZ:
         return fps
-    return _TICKS_HZ[kind] / max(_LEAST_TICKS[kind], round(_TICKS_HZ[kind] / fps))
+    return _TICKS_HZ[kind] / max(_MIN_TICKS[kind], round(_TICKS_HZ[kind] / fps))
 
 
 def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:

@@ -16,7 +16,7 @@ from tasks.view.panel import Panel
 _SMALL_PX = 360  # pictures of less height are enlarged by an integer factor
 _GAP_PX, _MARGIN_PX = 8, 4
 _TEXT_SHARE = 0.065  # size of the text over the height of the pictures
-_SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 12, 24
+_MIN_TEXT_PX, _MAX_TEXT_PX = 12, 24
 _FINER = 4  # letters are drawn this much larger and averaged, for positions between pixels
 
 
@@ -76,11 +76,11 @@ class Layout:
     def _measure(self, panels: Sequence[Panel], footer: str) -> None:
         """Choose text that fits below the narrowest picture, and a page that fits the footer."""
         size = round(_TEXT_SHARE * self._height)
-        size = min(max(size, _SMALLEST_TEXT_PX), _LARGEST_TEXT_PX)
+        size = min(max(size, _MIN_TEXT_PX), _MAX_TEXT_PX)
         captions = [line for panel in panels for line in (panel.title, panel.detail)]
         widest = max(_font(size).getlength(text) for text in captions) + 2 * _MARGIN_PX
         fitting = int(size * min(self._widths) / widest)
-        self._text_px = max(_SMALLEST_TEXT_PX, min(size, fitting))
+        self._text_px = max(_MIN_TEXT_PX, min(size, fitting))
         longest = math.ceil(1.1 * _font(self._text_px).getlength(footer)) + 2 * _MARGIN_PX
         width = max(self._lefts[-1] + self._widths[-1], longest)
         self._page_px = width + width % 2

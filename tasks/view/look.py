@@ -9,14 +9,14 @@ from typing import Literal
 from tasks.errors import TaskError
 
 _WINDOW_MS = 10.0
-_LATEST_S = 9e12  # int64 can hold it in microseconds
+_MAX_S = 9e12  # int64 can hold it in microseconds
 _RANGES = {
-    "window": (1e-3, 1e3 * _LATEST_S),
+    "window": (1e-3, 1e3 * _MAX_S),
     "count": (1, math.inf),
     "slow": (1e-6, 1e9),
     "fps": (0.01, 1000),
     "height": (1, 1 << 14),
-    **dict.fromkeys(("start", "end", "at"), (-_LATEST_S, _LATEST_S)),
+    **dict.fromkeys(("start", "end", "at"), (-_MAX_S, _MAX_S)),
 }
 
 

@@ -25,7 +25,7 @@ from tasks.view.player_frames import pack_frames
 
 _log = logging.getLogger(__name__)
 
-MOST_EVENTS = 2_000_000
+MAX_EVENTS = 2_000_000
 """Largest number of events of a page, all files together; of more, every second, third, ... is
 kept."""
 
@@ -83,12 +83,12 @@ def write_player(
     """
     if span_us[1] - span_us[0] >= 1 << 32:
         raise TaskError(f"{path}: found more than 71 minutes; choose a part with --start and --end")
-    every = -(-sum(counts) // MOST_EVENTS)
+    every = -(-sum(counts) // MAX_EVENTS)
     if every > 1:
         _log.warning(
             "%s: keeps one of every %d events, as there are %d and a page holds at most %d; choose "
             "a part with --start and --end to keep all of its events",
-            *(path, every, sum(counts), MOST_EVENTS),
+            *(path, every, sum(counts), MAX_EVENTS),
         )
     packed = []
     for k, source in enumerate(sources, start=1):

@@ -11,11 +11,11 @@ from PIL import Image
 
 from tasks.view.event_file import EventSource
 
-MOST_FRAMES = 200
+MAX_FRAMES = 200
 """Largest number of frames behind one file; of more, every second, third, ... is kept."""
-MOST_PIXELS = 48_000_000
+MAX_PIXELS = 48_000_000
 """Largest number of pixels in all frames of a page; a browser needs 4 bytes for each."""
-_WIDEST_PX = 640  # frames for wider sensors are scaled down
+_MAX_PX = 640  # frames for wider sensors are scaled down
 _WEBP_QUALITY = 60
 
 
@@ -45,13 +45,13 @@ def pack_frames(
     """
     sizes = [_size(source) for source in sources if source.frames is not None]
     pixels = sum(width * height for width, height in sizes)
-    most = max(1, min(MOST_FRAMES, MOST_PIXELS // max(pixels, 1)))
+    most = max(1, min(MAX_FRAMES, MAX_PIXELS // max(pixels, 1)))
     return [_packed(source, span_us, most) for source in sources]
 
 
 def _size(source: EventSource) -> tuple[int, int]:
     width, height = source.size
-    scale = min(1.0, _WIDEST_PX / width)
+    scale = min(1.0, _MAX_PX / width)
     return max(1, round(scale * width)), max(1, round(scale * height))
 
 

@@ -18,8 +18,8 @@ from tasks.errors import TaskError
 from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.event_file import EventSource, Source
 
-_MOST_POINTS = 20_000  # in a window
-_MOST_US = (1 << 63) // 1000  # Rerun counts nanoseconds
+_MAX_POINTS = 20_000  # in a window
+_MAX_US = (1 << 63) // 1000  # Rerun counts nanoseconds
 _PATH_STEPS = 500
 
 
@@ -42,9 +42,9 @@ def write_recording(
         Ascending times at which all sources are logged, us.
     """
     latest_us = max(map(abs, times_us), default=0)
-    if latest_us >= _MOST_US:
+    if latest_us >= _MAX_US:
         raise TaskError(
-            f"{path or 'Rerun'}: found a time of {latest_us} us, expected less than {_MOST_US} us "
+            f"{path or 'Rerun'}: found a time of {latest_us} us, expected less than {_MAX_US} us "
             "(292 years); `eres convert --from-start` moves the events"
         )
     with _recording(path, overwrite) as (rerun, recording):
@@ -135,7 +135,7 @@ def _events(
     for events, panel in source.drawn(times_us):
         recording.log(f"{place}/image", rerun.Image(panel.picture))
         recording.log(f"{place}/rate", rerun.TextDocument(f"{panel.title}, {panel.detail}"))
-        some = events[max(0, len(events) - _MOST_POINTS) :]
+        some = events[max(0, len(events) - _MAX_POINTS) :]
         colors = np.where((some.p > 0)[:, None], palette.brighter, palette.darker)
         points = rerun.Points3D(_points(some), colors=colors.astype(np.uint8), radii=0.4)
         recording.log(f"{place}/points", points)

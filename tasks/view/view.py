@@ -22,11 +22,11 @@ from tasks.view.subject import Show, Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
-_MOST_SIDE_PX = {".mp4": 16384, ".gif": 65535, ".webp": 16383}  # that encoders take
+_MAX_SIDE_PX = {".mp4": 16384, ".gif": 65535, ".webp": 16383}  # that encoders take
 _USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
 # All pictures of a .gif or .webp are in memory at once; of other files, only their times.
-_MOST_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
+_MAX_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
 
 KINDS = (*WRITERS, ".html", ".rrd")
 _WITHOUT = {  # options of a look that a kind of file does not have
@@ -141,7 +141,7 @@ def view(
 
 def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
     """Refuse pictures that are larger than the encoder of a file takes."""
-    most = _MOST_SIDE_PX.get(kind, math.inf)
+    most = _MAX_SIDE_PX.get(kind, math.inf)
     for picture in pictures:
         height, width = picture.shape[:2]
         if max(height, width) > most:
@@ -168,9 +168,9 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
         lead_us = step_us if look.length_us is None else look.length_us
     first_us = min(start_us + lead_us, end_us)
     steps = math.floor((end_us - first_us) / step_us)
-    most = _MOST_PICTURES.get(kind, _MOST_PICTURES[".mp4"])
+    most = _MAX_PICTURES.get(kind, _MAX_PICTURES[".mp4"])
     if steps >= most:
-        other = ", or write a .mp4" if most < _MOST_PICTURES[".mp4"] else ""
+        other = ", or write a .mp4" if most < _MAX_PICTURES[".mp4"] else ""
         raise TaskError(
             f"found {steps + 1} pictures, expected at most {most} in a {kind}; choose a part with "
             f"--start and --end, or a smaller --slow or --fps{other}"

@@ -110,7 +110,7 @@ def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
 
 def test_a_loop_has_an_end(monkeypatch):
     """Promise: an absurd duration is refused with the longest, before memory is full."""
-    monkeypatch.setattr(generators, "_MOST_SEGMENTS", 1000)
+    monkeypatch.setattr(generators, "_MAX_SEGMENTS", 1000)
     with pytest.raises(
         TrajectoryError, match=r"duration_s: found 1e\+09 s at 1e\+09 m/s, expected"
     ):

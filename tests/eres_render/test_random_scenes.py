@@ -9,7 +9,7 @@ from eres_render.random_scenes.paint import PATTERNS, random_painter
 from eres_render.random_scenes.paths import camera_path, object_path
 from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.random_scenes.solids import SOLIDS, random_solid, room
-from eres_render.storage.exr import LEAST_WHITE
+from eres_render.storage.exr import MIN_WHITE
 from eres_render.textures.masonry import plaster
 from moving_objects import BALL, FLOOR, SPHERE, folder_of
 
@@ -46,7 +46,7 @@ def test_a_dark_scene_is_light_enough_for_its_frames(tmp_path, caplog):
     """Promise: of a scene with nearly the least light the renderer says nothing."""
     write_random_scene(tmp_path / "scene", [0, 4], 0.1, 32)
     white = Renderer(load_scene(tmp_path / "scene"), 32, 4, integrator="emission").white_level
-    assert LEAST_WHITE < white < 2 * LEAST_WHITE
+    assert MIN_WHITE < white < 2 * MIN_WHITE
     assert "half-floats" not in caplog.text
 
 

@@ -19,7 +19,7 @@ LARGE = 1 << 21
 @pytest.fixture
 def small_parts(monkeypatch):
     """All arrays, however small, reuse memory, and parts are small."""
-    monkeypatch.setattr(memory, "_LEAST_BYTES", 1)
+    monkeypatch.setattr(memory, "_MIN_BYTES", 1)
     monkeypatch.setattr(sorting, "_PART_EVENTS", 3000)
 
 

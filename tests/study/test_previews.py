@@ -23,7 +23,7 @@ from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.pictures import (
     BRIGHTER,
     DARKER,
-    MOST_FILM_BYTES,
+    MAX_FILM_BYTES,
     NONE,
     central_area,
     film_strip,
@@ -150,13 +150,13 @@ def test_events_are_drawn_over_the_frame() -> None:
 
 
 def test_a_film_is_bounded_and_keeps_every_event() -> None:
-    """Promise: the film of the finest sensor, of noise over noise, has at most `MOST_FILM_BYTES`;
+    """Promise: the film of the finest sensor, of noise over noise, has at most `MAX_FILM_BYTES`;
     it loses gray levels for that, and no event."""
     random = np.random.default_rng(1)
     lights = random.random((FILM_PICTURES, 320, 320), np.float32)
     sums = random.choice(np.array([-1, 0, 1], np.int16), lights.shape)
     data = film_strip(lights, sums)
-    assert 100_000 < len(data) <= MOST_FILM_BYTES
+    assert 100_000 < len(data) <= MAX_FILM_BYTES
     strip = np.asarray(Image.open(io.BytesIO(data)))
     pictures = strip.reshape(320, FILM_PICTURES, 320, 3).swapaxes(0, 1)
     assert (pictures[sums == 1] == BRIGHTER).all()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from eres_render import load_scene
-from eres_render.random_scenes.random_scene import MOST_LIGHT
+from eres_render.random_scenes.random_scene import MAX_LIGHT
 from sensor import SensorError, SensorModel, find_camera, plain_camera, read_camera
 from sensor.cameras.fields import FIELDS, KEYS
 from tasks.cli.camera_options import CameraOptions
@@ -111,7 +111,7 @@ def test_one_file_is_one_camera_in_every_command(tmp_path, eres, monkeypatch):
     options = "--sensor", file, "--threshold-deviation", 0
     assert eres("dataset", tmp_path / "out", *options)[0] == 0
     (model,) = asked[0].models(0, 2.0).values()
-    bright = expected.dark_level * MOST_LIGHT / 2.0
+    bright = expected.dark_level * MAX_LIGHT / 2.0
     assert model == dataclasses.replace(expected, dark_level=bright)
     assert asked[0].sensor.bus == read_camera(file).bus
 

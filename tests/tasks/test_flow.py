@@ -363,7 +363,7 @@ def test_the_search_is_that_of_scipy(translating, objective):
                 "initial_simplex": np.array([[0.0, 0.0], [size, 0.0], [0.0, size]]),
                 "xatol": search.CONVERGED_PX,
                 "fatol": np.inf,
-                "maxfev": search.MOST_IMAGES,
+                "maxfev": search.MAX_IMAGES,
             },
         )
         simplex = np.array([[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, size, 0.0]])

@@ -13,7 +13,7 @@ from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Reconstruction
 from tasks.methods import load_method
 from tasks.methods.event_integration import reconstruct
-from tasks.psnr import MOST_PSNR_DB
+from tasks.psnr import MAX_PSNR_DB
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
 from tasks.registry import TASKS
 
@@ -75,10 +75,10 @@ def test_upsampling_keeps_pixel_centers_aligned():
 def test_psnr_of_known_errors():
     """Promise: peak 1 in units of white, clipped to it; equal images score 100 dB."""
     truth = np.log(np.full((10, 10), 0.5))
-    assert psnr_db(truth, truth, 0.0) == MOST_PSNR_DB
+    assert psnr_db(truth, truth, 0.0) == MAX_PSNR_DB
     assert psnr_db(np.log(np.full((10, 10), 0.6)), truth, 0.0) == pytest.approx(20.0)
     above = np.log(np.full((10, 10), 7.0))
-    assert psnr_db(above, np.log(np.full((10, 10), 3.0)), 0.0) == MOST_PSNR_DB  # both are white
+    assert psnr_db(above, np.log(np.full((10, 10), 3.0)), 0.0) == MAX_PSNR_DB  # both are white
     assert psnr_db(truth + 1.0, truth + 1.0 + np.log(1.2), 1.0) == pytest.approx(20.0)
     with pytest.raises(TaskError, match="shape"):
         psnr_db(truth[1:], truth, 0.0)

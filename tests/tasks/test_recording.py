@@ -233,7 +233,7 @@ def test_thresholds_of_a_simulated_camera(recording, frames):
 def test_the_stretch_with_most_events_is_used(made, frames, monkeypatch):
     """Promise: as many successive frames as allowed, around the events; frames before and after
     the recording do not count."""
-    monkeypatch.setattr("tasks.recording.levels._MOST_FRAMES", 3)
+    monkeypatch.setattr("tasks.recording.levels._MAX_FRAMES", 3)
     t_us = frames.middle_us
     some = [made.events.between(int(t_us[2]) - 50, int(t_us[4]) + 50)]
     np.testing.assert_array_equal(busiest(some, frames).middle_us, t_us[2:5])

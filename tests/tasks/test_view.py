@@ -742,8 +742,8 @@ def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
     assert all_of_them.t_us == every
     assert frames.times_us(every[1], every[2]) == every[1:2]
     assert frames.times_us(every[1] - 1, every[2] + 1) == every[:3]
-    monkeypatch.setattr("tasks.view.player_frames._WIDEST_PX", 32)
-    monkeypatch.setattr("tasks.view.player_frames.MOST_PIXELS", 2 * 32 * 24 * 3)
+    monkeypatch.setattr("tasks.view.player_frames._MAX_PX", 32)
+    monkeypatch.setattr("tasks.view.player_frames.MAX_PIXELS", 2 * 32 * 24 * 3)
     for packed in pack_frames([source, source], (0, 200_000)):
         assert packed.t_us == every[::2]
         assert len(packed.images) == len(packed.t_us)
@@ -790,7 +790,7 @@ def test_a_file_whose_name_is_not_utf_8_is_shown(eres, tmp_path, kind):
 
 def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, monkeypatch, caplog):
     """Promise: of too many events every k-th is kept; a message and the page say so."""
-    monkeypatch.setattr("tasks.view.player.MOST_EVENTS", 1500)
+    monkeypatch.setattr("tasks.view.player.MAX_EVENTS", 1500)
     out = tmp_path / "some.html"
     assert eres("view", recording, "--out", out)[0] == 0
     assert "keeps one of every 3 events" in caplog.text

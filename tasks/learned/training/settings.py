@@ -10,7 +10,7 @@ from typing import TypeVar
 from eres_render.errors import check_positive, nearest
 from eres_render.storage.settings_reader import read_toml
 from tasks.errors import TrainingError
-from tasks.random_crops.settings import MOST_SIDE_PX, Crops, FlowCrops
+from tasks.random_crops.settings import MAX_SIDE_PX, Crops, FlowCrops
 
 T = TypeVar("T", "ReconstructionTraining", "FlowTraining")
 
@@ -121,7 +121,7 @@ class ReconstructionTraining:
                 f"{self.crops.side_px}"
             )
         side_px = self.crops.side_px
-        most_px = min(2 * side_px, MOST_SIDE_PX)  # tilted beyond 2, the plane has a horizon
+        most_px = min(2 * side_px, MAX_SIDE_PX)  # tilted beyond 2, the plane has a horizon
         if not side_px <= self.ranked_px <= most_px:
             raise TrainingError(
                 f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, {side_px}, "

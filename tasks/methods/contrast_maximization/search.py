@@ -11,7 +11,7 @@ from tasks.methods.contrast_maximization.contrast import contrast_at
 from tasks.numerics.compiling import inlined, jit_in_place
 
 CONVERGED_PX = 2e-3  # a simplex of this size ends the search
-MOST_IMAGES = 200  # so does this number of images
+MAX_IMAGES = 200  # so does this number of images
 
 
 @jit_in_place
@@ -32,14 +32,14 @@ def find_sharpest(patch, work, initial, reach, simplex):
         simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
     made = 3
     _sort(simplex)
-    while made < MOST_IMAGES and _extent(simplex) > CONVERGED_PX:
+    while made < MAX_IMAGES and _extent(simplex) > CONVERGED_PX:
         best, second, worst = simplex[0, 2], simplex[1, 2], simplex[2, 2]
         x, y = _across(simplex, 1.0)
         loss = _loss(patch, work, initial, reach, x, y)
         made += 1
         shrinks = False
         if not best <= loss < second:
-            if made == MOST_IMAGES:
+            if made == MAX_IMAGES:
                 break
             if loss < best:
                 factor = 2.0  # go on in this direction
@@ -61,7 +61,7 @@ def find_sharpest(patch, work, initial, reach, simplex):
             simplex[2, 0], simplex[2, 1], simplex[2, 2] = x, y, loss
         else:
             for i in range(1, 3):
-                if made == MOST_IMAGES:
+                if made == MAX_IMAGES:
                     break
                 for k in range(2):
                     simplex[i, k] = simplex[0, k] + 0.5 * (simplex[i, k] - simplex[0, k])

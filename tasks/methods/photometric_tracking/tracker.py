@@ -20,7 +20,7 @@ from tasks.methods.photometric_tracking.residuals import Problem, distance_m, kn
 from tasks.methods.photometric_tracking.search import Found, search
 from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
 
-_LEAST_INSIDE = 0.5
+_MIN_INSIDE = 0.5
 _EXTRAPOLATION_PX = 1.0  # error of a path that is extended beyond its events
 
 
@@ -152,7 +152,7 @@ def _judge(
     )
     if not math.isfinite(state.cost):
         return diagnostics, "the cost is not finite"
-    if state.outside > (1 - _LEAST_INSIDE) * problem.residuals:
+    if state.outside > (1 - _MIN_INSIDE) * problem.residuals:
         left = f"{state.outside} of {problem.residuals} events left the reference view"
         return diagnostics, left
     huber = HUBER_IN_C * sample.contrast_threshold

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
-MOST_FILM_BYTES = 192_000
+MAX_FILM_BYTES = 192_000
 _GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film; the first that fits is used
 _CONTRAST = 0.6  # of the frames in a film: 1 is from black to `NONE`
 _SIDE_PX = 320
@@ -61,7 +61,7 @@ def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
     -------
     bytes
         A lossless WebP file with the N pictures side by side. Its frames have the most gray levels
-        with which the file has at most `MOST_FILM_BYTES`, or one.
+        with which the file has at most `MAX_FILM_BYTES`, or one.
     """
     colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)[np.sign(sums) + 1]
     data = b""
@@ -72,6 +72,6 @@ def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
         file = BytesIO()
         Image.fromarray(np.concatenate(drawn, axis=1)).save(file, "WEBP", lossless=True, quality=50)
         data = file.getvalue()
-        if len(data) <= MOST_FILM_BYTES:
+        if len(data) <= MAX_FILM_BYTES:
             break
     return data
