@@ -37,11 +37,11 @@ def simulate(
 ) -> None:
     """Simulate a sensor on frames, and write its events.
 
-    The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. Without
-    --sensor and --resolution the sensor has the size of footage. If its shape differs from the
-    frames', it sees their center. The first line printed is what the simulation assumes. The file
-    includes the events of a clip's warm-up and, if its format can hold them, the start and end of
-    its window, the sensor, the seed and that line.
+    The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. A sensor
+    whose shape differs from theirs sees their center; without --sensor and --resolution it has the
+    size of footage. The first line printed is what the simulation assumes. The file includes the
+    events of a clip's warm-up and, if its format can hold them, the start and end of its window,
+    the sensor, the seed and that line.
 
     Parameters
     ----------
