@@ -26,14 +26,14 @@ from eres_render.progress import silent
 from sensor.events import concatenate
 from tasks.evaluation.settings import settings_of
 from tasks.evaluation.source import score_stored
-from tasks.events.reading import Reading
+from tasks.events.reading import ReadOptions
 from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import off_grid
 from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
 from tasks.recording.flow_windows import spread
-from tasks.recording.frames import Frames, open_frames
+from tasks.recording.frames import RecordedFrames, open_frames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
@@ -49,12 +49,12 @@ IMAGES = ("event_integration", "no_events")
 VIDEO = ("high_pass_filter", "blank")
 
 
-def opened(folder: Path) -> tuple[Recording, Frames]:
+def opened(folder: Path) -> tuple[Recording, RecordedFrames]:
     """Return the recording of a folder, and its frames on the clock of the events."""
     events = folder / "events.txt"
     if not events.exists():
         events = folder / "events_chunk.txt"
-    recording = open_recording(events, reading=Reading(size=SIZE))
+    recording = open_recording(events, reading=ReadOptions(size=SIZE))
     frames = open_frames(folder, time_unit="s", exposure_us=0, encoding="linear")
     shift = estimate_shift(recording, frames)
     assert shift is not None, "frames and events fit"
@@ -71,7 +71,7 @@ def scored(
     recording: Recording,
     task: str,
     methods: tuple[str, ...],
-    frames: Frames,
+    frames: RecordedFrames,
     thresholds: Thresholds,
     options: FlowOptions = USUAL_FLOW,
 ) -> list[Row]:
@@ -82,7 +82,7 @@ def scored(
     return sorted(rows, key=lambda row: row.t_us)
 
 
-def measure_images(recording: Recording, frames: Frames) -> float:
+def measure_images(recording: Recording, frames: RecordedFrames) -> float:
     """Print the scores of images; return the fitted threshold."""
     found = fit_recording(recording, frames)
     print(f"thresholds ON {found.on}, OFF {found.off}, from {found.events} events")
@@ -96,7 +96,9 @@ def measure_images(recording: Recording, frames: Frames) -> float:
     return found.values.mean
 
 
-def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:
+def measure_flow(
+    recording: Recording, frames: RecordedFrames, C: float, options: FlowOptions
+) -> None:
     """Print the distance of flow from the tracks, px per frame."""
     start = times_now()
     methods = (*FLOW, "initial_flow")
@@ -111,7 +113,9 @@ def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOp
     print(f"{spent.cpu_s:.1f} s of CPU, {spent.system_s:.1f} s of it system")
 
 
-def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, lens: Path) -> None:
+def measure_slider(
+    recording: Recording, frames: RecordedFrames, options: FlowOptions, lens: Path
+) -> None:
     """Print how far tracks and flow depart from the motion of the slider, along y."""
     calibration = read_calibration(lens, SIZE)
     method = load_method("flow", FLOW[0])

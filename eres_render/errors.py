@@ -102,7 +102,7 @@ def _reason(found: Exception) -> str:
     return " ".join(str(found).split())[:_MAX_CHARACTERS] or type(found).__name__
 
 
-def nearest(name: str, known: Collection[str]) -> str:
+def suggestion(name: str, known: Collection[str]) -> str:
     """Return a hint for an unknown name."""
     near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
     if not near:

@@ -89,7 +89,7 @@ def _reason(found: Exception) -> str:
     return " ".join(str(found).split())[:_MAX_CHARACTERS] or type(found).__name__
 
 
-def nearest(name: str, names: Collection[str], others: str = "") -> str:
+def suggestion(name: str, names: Collection[str], others: str = "") -> str:
     """Return the advice for an unknown name: a similar one, or all names."""
     close = difflib.get_close_matches(name.lower(), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"expected {others}one of {', '.join(names)}"

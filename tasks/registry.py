@@ -12,7 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Literal
 
-from eres_render.errors import nearest
+from eres_render.errors import suggestion
 from sensor.own_modules import WithInstalled, installed
 from tasks.errors import TaskError
 from tasks.metric import Metric
@@ -177,7 +177,7 @@ class TaskSpec:
 
 class _Tasks(dict[str, TaskSpec]):
     def __missing__(self, name: str) -> TaskSpec:
-        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
+        raise TaskError(f"no task {name!r}, {suggestion(name, self)}")
 
 
 TASKS = _Tasks()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera, Plane
-from eres_render.errors import RenderError, SceneError, check_spp, nearest
+from eres_render.errors import RenderError, SceneError, check_spp, suggestion
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
@@ -126,7 +126,7 @@ class Renderer:
     ) -> None:
         _check_seed(seed)
         if integrator not in (None, *get_args(Integrator)):
-            hint = nearest(str(integrator), get_args(Integrator))
+            hint = suggestion(str(integrator), get_args(Integrator))
             raise RenderError(f"integrator: found {integrator!r}, {hint}")
         self.scene = scene
         self.seed = int(seed)

@@ -11,7 +11,7 @@ from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
-from eres_render.errors import SceneError, nearest
+from eres_render.errors import SceneError, suggestion
 from eres_render.scene.objects import MAX_OBJECTS
 from eres_render.scene.scene import GIVEN_CLEARANCE_M, Scene
 from eres_render.scene.settings import (
@@ -110,7 +110,7 @@ def load_scene(
     else:
         raise SceneError(
             f"no scene, folder or .xml file named {str(name_or_path)!r}: "
-            f"{nearest(str(name_or_path), list_scenes())}"
+            f"{suggestion(str(name_or_path), list_scenes())}"
         )
     if trajectory is None:
         return scene
@@ -214,7 +214,7 @@ def _check_objects(settings: SceneToml, file: Path, shape_ids: Collection[str]) 
             refuse(f"{field}.shapes", "none", "ids of one or more shapes in scene.xml")
         for shape in one.shapes:
             if shape not in shape_ids:
-                hint = nearest(shape, sorted(shape_ids))
+                hint = suggestion(shape, sorted(shape_ids))
                 refuse(f"{field}.shapes", repr(shape), f"the id of a shape in scene.xml: {hint}")
             if uses[shape] > 1:
                 refuse(f"{field}.shapes", f"{shape!r} twice", "each shape in one object only")

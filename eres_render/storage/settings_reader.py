@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from eres_render.errors import nearest, reading
+from eres_render.errors import reading, suggestion
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
@@ -178,7 +178,7 @@ def check_known(
     """
     for word in found:
         if word not in known:
-            raise error(f"{file}: {prefix}{word}: unknown; {nearest(word, known)}")
+            raise error(f"{file}: {prefix}{word}: unknown; {suggestion(word, known)}")
 
 
 def _fields(

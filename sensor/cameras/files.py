@@ -13,7 +13,7 @@ from typing import Any
 
 from sensor.cameras.camera import KINDS, EventCamera, Source, checked
 from sensor.cameras.fields import ALIASES, FIELDS, KEYS, Key
-from sensor.errors import SensorError, nearest, reading
+from sensor.errors import SensorError, reading, suggestion
 from sensor.numbers import real, refusal
 
 _CATALOGUE = Path(__file__).parent / "catalogue"
@@ -94,7 +94,7 @@ def find_camera(name: str | Path) -> EventCamera:
         return _packaged(text)
     if text.endswith(".toml") or Path(text).is_file():
         return read_camera(text)
-    advice = nearest(text, camera_names(), "a file such as mine.toml, or ")
+    advice = suggestion(text, camera_names(), "a file such as mine.toml, or ")
     raise SensorError(f"camera: found {text!r}; {advice}")
 
 
@@ -177,7 +177,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():
         if key_name not in KEYS:
-            raise SensorError(f"{key_name}: unknown; {nearest(key_name, [*KEYS, *OTHERS])}")
+            raise SensorError(f"{key_name}: unknown; {suggestion(key_name, [*KEYS, *OTHERS])}")
         value, source = _read(key_name, KEYS[key_name], facts)
         if value is not None:
             values[FIELDS[key_name]] = value
@@ -233,7 +233,7 @@ def _bus_hz(name: str) -> float:
     if name == UNLIMITED:
         return math.inf
     if name not in camera_names():
-        advice = nearest(name, camera_names(), f"a number of Mev/s, {UNLIMITED!r}, or ")
+        advice = suggestion(name, camera_names(), f"a number of Mev/s, {UNLIMITED!r}, or ")
         raise SensorError(f"bus: found {name!r}; {advice}")
     found = find_camera(name).bus_hz
     if math.isinf(found):

@@ -16,7 +16,7 @@ from tasks.cli.app import WeightsFiles
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.cli.table import Table
 from tasks.errors import TaskError
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import NO_FRAMES, USUAL_FLOW, FlowOptions, FrameOptions
 from tasks.registry import TASKS
 from tasks.row import Row
@@ -39,7 +39,7 @@ def evaluate(
     weights: WeightsFiles = (),
     format: str | None = None,
     camera: OmitArgPrefixes[CameraOptions] = NO_OPTIONS,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
     flow: OmitArgPrefixes[FlowOptions] = USUAL_FLOW,
 ) -> None:
@@ -113,7 +113,7 @@ def _evaluate_recording(
     threshold: float | None,
     weights: tuple[str, ...],
     format: str | None,
-    reading: Reading,
+    reading: ReadOptions,
     frame_options: FrameOptions,
     flow: FlowOptions,
 ) -> None:

@@ -14,7 +14,7 @@ from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 
 if TYPE_CHECKING:
     from sensor import ReadoutReport
@@ -104,7 +104,7 @@ def convert(
     shift_us: int = 0,
     from_start: bool = False,
     overwrite: bool = False,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
 ) -> None:
     """Write a file of events in another format.
 

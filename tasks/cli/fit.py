@@ -11,7 +11,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tasks.cli import terminal
 from tasks.cli.table import Table
 from tasks.errors import TaskError
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import NO_FRAMES, FrameOptions
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def fit(
     title: str | None = None,
     format: str | None = None,
     overwrite: bool = False,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
 ) -> None:
     """Estimate a sensor's electronics from a recording.

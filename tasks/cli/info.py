@@ -11,7 +11,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 
 
 def info(
@@ -19,7 +19,7 @@ def info(
         Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
     ],
     format: str | None = None,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
 ) -> None:
     """Describe a radiance sequence or a file of events.
 

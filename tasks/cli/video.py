@@ -9,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.app import WeightsFiles
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 
 
@@ -21,7 +21,7 @@ def video(
     format: str | None = None,
     overwrite: bool = False,
     image: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
 ) -> None:
     """Make images of a file of events, at regular times.
 

@@ -9,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.errors import UsageError
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.view.look import ALL_OF_IT, Look
 
 
@@ -28,7 +28,7 @@ def view(
     show: Literal["frames", "depth", "flow"] = "frames",
     format: str | None = None,
     overwrite: bool = False,
-    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
     look: OmitArgPrefixes[Look] = ALL_OF_IT,
 ) -> None:
     """Look at events and clips: video, picture, page or Rerun.

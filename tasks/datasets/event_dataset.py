@@ -23,7 +23,7 @@ from sensor.errors import reading
 from sensor.formats import dsec
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import crop_to_aspect, integrate
-from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_recordings, nearest
+from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_recordings, index_at
 from tasks.errors import TaskError
 from tasks.origin import shift_us
 
@@ -258,7 +258,7 @@ def _frame(recording: DatasetRecording, events: Events, t_us: int) -> Item:
     speed = float(header.origin["speed"])
     times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / speed).astype(int)
     times_us += shift_us(clip, header.origin, speed)
-    k = nearest(times_us, t_us)
+    k = index_at(times_us, t_us)
     rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
     fill_factor = 1.0 if header.model is None else header.model.fill_factor
     seen = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
@@ -283,7 +283,7 @@ def _truth(
         item["flow_occluded"] = truth["flow_occluded"][k]
     if item:
         item["flow_us"] = times_us[k : k + 2]
-    k = nearest(times_us, window_us[1])
+    k = index_at(times_us, window_us[1])
     for name in wanted:
         if name in _AT_A_TIME:
             item |= {name: _image(truth, TRUTH[name], k), "truth_us": np.array(times_us[k])}

@@ -210,7 +210,7 @@ def _check_truth(
             )
 
 
-def nearest(times_us: np.ndarray, t_us: int) -> int:
+def index_at(times_us: np.ndarray, t_us: int) -> int:
     """Return the index of the nearest time.
 
     Parameters

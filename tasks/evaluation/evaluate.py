@@ -19,7 +19,7 @@ from tasks.evaluation.frames_ahead import frames_ahead
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import TaskSettings
 from tasks.evaluation.source import row_of
 from tasks.evaluation.stopwatch import Stopwatch

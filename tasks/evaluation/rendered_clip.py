@@ -14,7 +14,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.scorers.base import Score
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import DenseFlow, Flow, Tracking, Video, unlike_two_poles
 from tasks.evaluation.source import FlowPoints, Images, Source, Window, true_points
 from tasks.methods.true_video import TrueLight

@@ -10,7 +10,7 @@ from eres_render.progress import Progress, silent
 from sensor.cameras import EventCamera, plain_camera
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import settings_of
 from tasks.evaluation.source import ALL, check_needs
 from tasks.methods import check_method

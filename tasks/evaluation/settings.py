@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
 
-from eres_render.errors import nearest
+from eres_render.errors import suggestion
 from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
 from sensor.model import SensorModel
@@ -393,7 +393,7 @@ class Evaluate(Mapping[str, TaskSettings]):
     def __init__(self, **tasks: TaskSettings) -> None:
         for task, settings in tasks.items():
             if task not in TASKS:
-                raise TaskError(f"evaluate.{task}: unknown; {nearest(task, TASKS)}")
+                raise TaskError(f"evaluate.{task}: unknown; {suggestion(task, TASKS)}")
             if settings:  # None stands for the default
                 use_python_numbers(settings)
         self._given = tasks

@@ -11,7 +11,7 @@ from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.reading import AS_STORED, SHIFT_LIMIT_US, Reading
+from tasks.events.reading import AS_STORED, SHIFT_LIMIT_US, ReadOptions
 from tasks.events.truth import COPIED, groups_to_copy
 
 _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
@@ -23,7 +23,7 @@ def convert(
     *,
     format: str | None = None,
     input_format: str | None = None,
-    reading: Reading = AS_STORED,
+    reading: ReadOptions = AS_STORED,
     shift_us: int = 0,
     from_start: bool = False,
     overwrite: bool = False,

@@ -11,11 +11,11 @@ import numpy as np
 from sensor.formats import Triggers, find_format, read_header, read_triggers
 from sensor.formats.header import Header, model_to_json
 from sensor.model import MAX_SIDE_PX
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 
 
 def describe(
-    path: Path, *, format: str | None = None, reading: Reading = AS_STORED
+    path: Path, *, format: str | None = None, reading: ReadOptions = AS_STORED
 ) -> dict[str, str]:
     """Describe an event file; reads all of it.
 

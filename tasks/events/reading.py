@@ -15,7 +15,7 @@ SHIFT_LIMIT_US = 1 << 62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class ReadOptions:
     """How to read a file of events that does not store all that is needed.
 
     Parameters
@@ -61,4 +61,4 @@ class Reading:
         )
 
 
-AS_STORED = Reading()
+AS_STORED = ReadOptions()

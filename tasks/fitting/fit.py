@@ -25,7 +25,7 @@ from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.numerics.estimate import Estimate
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.levels import levels_of
 from tasks.recording.motion import MotionResponse, fit_motion, lag
 from tasks.recording.threshold import FittedThresholds, fit_thresholds
@@ -70,7 +70,7 @@ class Evidence:
     """
 
     still_s: tuple[float, float] | None = None
-    frames: Frames | None = None
+    frames: RecordedFrames | None = None
     light: Footage | None = None
     motion: bool = False
     dark_share: float | None = None
@@ -306,7 +306,7 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
 
 def _in_motion(
     events: Events,
-    seen: Frames | Footage,
+    seen: RecordedFrames | Footage,
     evidence: Evidence,
     found: Found,
     on_progress: Progress,

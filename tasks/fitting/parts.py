@@ -11,7 +11,7 @@ import numpy as np
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.footage import Footage
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.levels import SETTLING, busiest, every_second, light_between
 
 Check = Literal["second", "first", "none"]
@@ -42,7 +42,9 @@ class Part(NamedTuple):
     exposure_us: float
 
 
-def parts_of(events: Events, seen: Frames | Footage, check: Check) -> tuple[Part, Part | None]:
+def parts_of(
+    events: Events, seen: RecordedFrames | Footage, check: Check
+) -> tuple[Part, Part | None]:
     """Divide what a camera saw in time.
 
     Returns
@@ -50,7 +52,7 @@ def parts_of(events: Events, seen: Frames | Footage, check: Check) -> tuple[Part
     The part to fit, and the held-out half, None for "none". A held-out second half begins one frame
     before the middle, so that its pixels have settled there.
     """
-    if isinstance(seen, Frames):
+    if isinstance(seen, RecordedFrames):
         seen = busiest([events], seen)
     last = len(seen) - 1
     if check == "none":
@@ -66,10 +68,10 @@ def parts_of(events: Events, seen: Frames | Footage, check: Check) -> tuple[Part
     return _part(seen, 0, middle), _part(seen, middle - 1, last)
 
 
-def _part(seen: Frames | Footage, start: int, end: int) -> Part:
+def _part(seen: RecordedFrames | Footage, start: int, end: int) -> Part:
     """Return the light from one frame to another."""
     exposure_us = 0.0
-    if isinstance(seen, Frames):
+    if isinstance(seen, RecordedFrames):
         frames = seen.some(np.arange(start, end + 1))
         light, coarse = light_between(frames), light_between(frames.every_second())
         exposure_us = float(np.max(frames.end_us - frames.start_us))

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from eres_render.errors import nearest
+from eres_render.errors import suggestion
 from eres_render.storage.checksums import sha256
 from sensor.own_modules import import_own
 from tasks.errors import TaskError
@@ -55,7 +55,7 @@ def load_method(
     listed = TASKS[task].methods
     if ":" not in name and name not in listed:
         raise TaskError(
-            f"{task}: no method {name!r}, {nearest(name, listed)} "
+            f"{task}: no method {name!r}, {suggestion(name, listed)} "
             "(the name of your own method is package.module:function)"
         )
     module, _, function = TASKS[task].method(name).place.partition(":")
@@ -87,7 +87,7 @@ def task_of(name: str) -> str:
         tasks = [task for task in TASKS if name in TASKS[task].methods]
         if not tasks:
             known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
-            raise TaskError(f"no method {name!r}, {nearest(name, known)}")
+            raise TaskError(f"no method {name!r}, {suggestion(name, known)}")
         if len(tasks) > 1:
             raise TaskError(
                 f"method {name!r}: found it in {' and '.join(tasks)}, expected one task"

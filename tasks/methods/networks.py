@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from eres_render.errors import nearest
+from eres_render.errors import suggestion
 from eres_render.storage.checksums import sha256
 from sensor.memory import memory_bytes
 from tasks.errors import WeightsError
@@ -90,7 +90,7 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
                 raise WeightsError(f"weights: found {one!r}, expected {expected}")
             name = asked[0]
         if name not in known:
-            raise WeightsError(f"weights: no network {name!r}, {nearest(name, known)}")
+            raise WeightsError(f"weights: no network {name!r}, {suggestion(name, known)}")
         if name not in networks:
             raise WeightsError(f"weights: found some of {name}, which is not a method to run")
         if name in found:

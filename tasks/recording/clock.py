@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tasks.errors import TaskError
-from tasks.recording.frames import DARK, Frames
+from tasks.recording.frames import DARK, RecordedFrames
 from tasks.recording.levels import levels_of, light_between
 from tasks.recording.line import best_delay_us
 from tasks.recording.pairs import check_frames, events_of, inside, sums
@@ -48,7 +48,7 @@ class Shift:
         return self.unexplained < self.unexplained_before - 0.05
 
 
-def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
+def estimate_shift(recording: Recording, frames: RecordedFrames) -> Shift | None:
     """Estimate the difference between the clocks of frames and events.
 
     A first shift minimizes the unexplained change of the first five pairs, over 20 ms in both
@@ -88,7 +88,7 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
 
 
 def _unexplained(
-    recording: Recording, frames: Frames, pairs: Sequence[int], shifts_us: Sequence[int]
+    recording: Recording, frames: RecordedFrames, pairs: Sequence[int], shifts_us: Sequence[int]
 ) -> list[float]:
     """Return the share of squared change that events do not explain, for each shift of frames."""
     fits = [Explained() for _ in shifts_us]
@@ -99,7 +99,7 @@ def _unexplained(
     return [1.0 if one is None else one[1] for one in (fit.solve() for fit in fits)]
 
 
-def _lateness_us(recording: Recording, frames: Frames, pairs: Sequence[int]) -> float:
+def _lateness_us(recording: Recording, frames: RecordedFrames, pairs: Sequence[int]) -> float:
     """Return how late events are to the light between some frames; 0 if these do not show it."""
     seen = frames.some(np.arange(pairs[0], pairs[-1] + 2))
     start_us, end_us = seen.middle_us[[0, -1]].tolist()
@@ -111,8 +111,8 @@ def _lateness_us(recording: Recording, frames: Frames, pairs: Sequence[int]) -> 
 
 
 def on_one_clock(
-    recording: Recording, frames: Frames, shift_us: int | None, notes: list[str]
-) -> Frames:
+    recording: Recording, frames: RecordedFrames, shift_us: int | None, notes: list[str]
+) -> RecordedFrames:
     """Move frames to the clock of the events, and note what was done.
 
     Parameters

@@ -16,7 +16,7 @@ from tasks.methods import check_method
 from tasks.methods.contrast_maximization import AT_BOUND, UNDETERMINED
 from tasks.recording.clock import on_one_clock
 from tasks.recording.flow_windows import CONTRAST_GAIN
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.source import sources
@@ -53,7 +53,7 @@ def evaluate_recording(
     recording: Recording,
     task: str,
     *,
-    frames: Frames | None = None,
+    frames: RecordedFrames | None = None,
     methods: Sequence[str] = (),
     shift_us: int | None = 0,
     contrast_threshold: float | None = None,
@@ -152,7 +152,7 @@ def _methods(
     recording: Recording,
     task: str,
     given: Sequence[str],
-    frames: Frames | None,
+    frames: RecordedFrames | None,
     weights: Mapping[str, str] | None,
 ) -> tuple[str, ...]:
     spec = TASKS[task]
@@ -183,7 +183,7 @@ def _methods(
 
 def _thresholds(
     recording: Recording,
-    frames: Frames | None,
+    frames: RecordedFrames | None,
     given: float | None,
     task: str,
     notes: list[str],

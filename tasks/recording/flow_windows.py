@@ -23,7 +23,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.source import Window
 from tasks.flow import REACH_SIGMAS, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import Contrast, off_grid
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording
@@ -103,7 +103,11 @@ def check(options: FlowOptions) -> None:
 
 
 def windows_of(
-    recording: Recording, frames: Frames | None, options: FlowOptions, *, with_before: bool = False
+    recording: Recording,
+    frames: RecordedFrames | None,
+    options: FlowOptions,
+    *,
+    with_before: bool = False,
 ) -> list[tuple[Window, int]]:
     """Return windows, spread over a recording, each with the index of the frame at its start.
 

@@ -1,4 +1,4 @@
-"""`Frames`: images from the camera of a recording, with the times of their exposures.
+"""`RecordedFrames`: images from the camera of a recording, with the times of their exposures.
 
 A folder has one of these files, next to the images or above them:
 
@@ -40,7 +40,7 @@ _LIMIT_US = 1 << 61  # so that a shift, and the sum of start and end, fit into i
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class RecordedFrames:
     """Frames of a recording, in order of time.
 
     Parameters
@@ -65,7 +65,7 @@ class Frames:
     def __len__(self) -> int:
         return len(self.files)
 
-    def some(self, numbers: NDArray[np.int64]) -> Frames:
+    def some(self, numbers: NDArray[np.int64]) -> RecordedFrames:
         """Return the frames of these indices, which ascend."""
         return replace(
             self,
@@ -74,7 +74,7 @@ class Frames:
             end_us=self.end_us[numbers],
         )
 
-    def every_second(self) -> Frames:
+    def every_second(self) -> RecordedFrames:
         """Return every second frame, and the last one."""
         last = len(self) - 1
         return self.some(np.unique(np.append(np.arange(0, last, 2), last)))
@@ -136,7 +136,7 @@ class Frames:
             frames=lambda: map(self._in_units_of_white, self.files, read_images(list(self.files))),
         )
 
-    def later(self, shift_us: int) -> Frames:
+    def later(self, shift_us: int) -> RecordedFrames:
         """Return the same frames with all times shifted."""
         return replace(self, start_us=self.start_us + shift_us, end_us=self.end_us + shift_us)
 
@@ -147,7 +147,7 @@ def open_frames(
     time_unit: str | None = None,
     exposure_us: int | None = None,
     encoding: str | None = None,
-) -> Frames:
+) -> RecordedFrames:
     """Open a folder of frames.
 
     Parameters
@@ -214,7 +214,7 @@ def open_frames(
 
 def _checked(
     source: Path, files: Sequence[Path], start: list[int], end: list[int], encoding: str | None
-) -> Frames:
+) -> RecordedFrames:
     for k, file in enumerate(files):
         if not file.is_file():
             raise TaskError(f"{source}: found {file.name}, for which there is no file {file}")
@@ -237,7 +237,7 @@ def _checked(
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
     times_us = np.array(start, np.int64), np.array(end, np.int64)
     first = next(read_images([files[0]]))
-    found = Frames(tuple(files), *times_us, *coding_of(first, encoding, "srgb", files[0]))
+    found = RecordedFrames(tuple(files), *times_us, *coding_of(first, encoding, "srgb", files[0]))
     if has_transparency(files[0]):
         logger.warning("%s: transparency is left out: hidden pixels are seen", source)
     return found

@@ -23,7 +23,7 @@ from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
 from tasks.numerics.estimate import tiles_of, units
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -39,7 +39,7 @@ _INSTANT_S = 1e-9  # a shorter time constant counts as none
 SETTLING = 0.1  # of the stretch, before which a filter depends on light before the stretch
 
 
-def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
+def busiest(parts: Iterable[Events], frames: RecordedFrames) -> RecordedFrames:
     """Return the successive frames, at most 200, with most events between them.
 
     Parameters
@@ -77,7 +77,7 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
     return frames.some(np.arange(start, start + length + 1))
 
 
-def light_between(frames: Frames) -> Footage:
+def light_between(frames: RecordedFrames) -> Footage:
     """Return the light along the motion of the image, in steps of at most half a pixel.
 
     Parameters

@@ -10,7 +10,7 @@ from tasks.errors import TaskError
 from tasks.events.reading import SHIFT_LIMIT_US
 
 if TYPE_CHECKING:
-    from tasks.recording.frames import Frames
+    from tasks.recording.frames import RecordedFrames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ class FrameOptions:
             )
         return None if self.estimate_shift else (self.frames_shift_us or 0)
 
-    def open_frames(self) -> Frames | None:
+    def open_frames(self) -> RecordedFrames | None:
         """Open the frames, None if there are none."""
         from tasks.recording.frames import open_frames
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sensor import Events
 from tasks.errors import TaskError
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.recording import Recording, cut
 
 
@@ -36,7 +36,7 @@ class PairSums:
     off: NDArray[np.float64]
 
 
-def check_frames(recording: Recording, frames: Frames) -> None:
+def check_frames(recording: Recording, frames: RecordedFrames) -> None:
     """Check that frames and events are of one camera and on one clock."""
     height, width = frames.light(0).shape
     if (width, height) != recording.size:
@@ -58,7 +58,7 @@ def _seconds(t_us: int) -> str:
     return f"{1e-6 * int(t_us):.6f}"
 
 
-def inside(recording: Recording, frames: Frames, margin_us: int = 0) -> list[int]:
+def inside(recording: Recording, frames: RecordedFrames, margin_us: int = 0) -> list[int]:
     """Return the pairs within a recording, as the index of their first frame.
 
     Parameters
@@ -73,7 +73,7 @@ def inside(recording: Recording, frames: Frames, margin_us: int = 0) -> list[int
 
 
 def events_of(
-    recording: Recording, frames: Frames, pairs: Sequence[int], margin_us: int = 0
+    recording: Recording, frames: RecordedFrames, pairs: Sequence[int], margin_us: int = 0
 ) -> Iterator[Events]:
     """Cut out the events of each pair, from the start of its first exposure to the end of its last.
 
@@ -88,7 +88,7 @@ def events_of(
     return cut(recording.parts(), windows)
 
 
-def sums(events: Events, frames: Frames, k: int, shift_us: int = 0) -> PairSums:
+def sums(events: Events, frames: RecordedFrames, k: int, shift_us: int = 0) -> PairSums:
     """Add up the events from frame k to frame k + 1, weighted by the exposures.
 
     Parameters
@@ -106,7 +106,7 @@ def sums(events: Events, frames: Frames, k: int, shift_us: int = 0) -> PairSums:
     return PairSums(on, off)
 
 
-def _share(t_us: NDArray[np.int64], frames: Frames, k: int) -> NDArray[np.float64]:
+def _share(t_us: NDArray[np.int64], frames: RecordedFrames, k: int) -> NDArray[np.float64]:
     """Return the share of exposure k that is over at each time; a step if it is an instant."""
     start_us, end_us = int(frames.start_us[k]), int(frames.end_us[k])
     if start_us == end_us:

@@ -11,7 +11,7 @@ import numpy as np
 from sensor.events import Events, concatenate
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Recording:
     start_us: int
     end_us: int
     count: int
-    reading: Reading = AS_STORED
+    reading: ReadOptions = AS_STORED
     format: str | None = None
 
     @property
@@ -54,7 +54,7 @@ class Recording:
 
 
 def open_recording(
-    path: str | Path, *, format: str | None = None, reading: Reading = AS_STORED
+    path: str | Path, *, format: str | None = None, reading: ReadOptions = AS_STORED
 ) -> Recording:
     """Open a file of events; reads all of it once, for its times and number of events.
 

@@ -24,7 +24,7 @@ from tasks.recording.flow_windows import (
     Start,
     windows_of,
 )
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside, sums
 from tasks.recording.recording import Recording, cut
@@ -52,7 +52,7 @@ class RecordingWindow(Source):
 
     search_from: Literal["truth", "zero"] = field(default="zero", init=False)
     recording: Recording
-    frames: Frames | None
+    frames: RecordedFrames | None
     thresholds: Thresholds
     options: FlowOptions
     window: Window
@@ -74,7 +74,7 @@ class RecordingWindow(Source):
         return self._frames.log_light(self.frame + 1)
 
     @property
-    def _frames(self) -> Frames:
+    def _frames(self) -> RecordedFrames:
         assert self.frames is not None, "tasks that need frames are refused without"
         return self.frames
 
@@ -137,7 +137,7 @@ class RecordingWindow(Source):
 class _WeightedEvents(Polarities):
     """Sums of the events from a frame to the next one, weighted by their exposures."""
 
-    def __init__(self, frames: Frames, k: int, thresholds: Thresholds) -> None:
+    def __init__(self, frames: RecordedFrames, k: int, thresholds: Thresholds) -> None:
         self._frames, self._k, self._thresholds = frames, k, thresholds
         self._change = np.zeros(())
 
@@ -152,7 +152,7 @@ def sources(
     recording: Recording,
     task: str,
     settings: TaskSettings,
-    frames: Frames | None,
+    frames: RecordedFrames | None,
     thresholds: Thresholds,
     options: FlowOptions,
     on_progress: Progress,

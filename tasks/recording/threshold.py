@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.numerics.estimate import Estimate, bootstrap
-from tasks.recording.frames import DARK, Frames
+from tasks.recording.frames import DARK, RecordedFrames
 from tasks.recording.levels import Levels, busiest, levels_of, light_between
 from tasks.recording.line import fit_line, misfit, solved
 from tasks.recording.motion import lag
@@ -84,7 +84,7 @@ class FittedThresholds(NamedTuple):
         return Thresholds(self.on.value, self.off.value)
 
 
-def fit_recording(recording: Recording, frames: Frames) -> FittedThresholds:
+def fit_recording(recording: Recording, frames: RecordedFrames) -> FittedThresholds:
     """Fit the contrast thresholds to the frames of a recording, in the stretch with most events.
 
     Parameters

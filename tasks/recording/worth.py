@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.errors import TaskError
-from tasks.recording.frames import Frames
+from tasks.recording.frames import RecordedFrames
 from tasks.recording.pairs import PairSums, events_of, inside, sums
 from tasks.recording.recording import Recording
 from tasks.recording.threshold import Thresholds
@@ -58,7 +58,7 @@ class Explained:
         return Thresholds(float(worth[0]), float(worth[1])), unexplained
 
 
-def worth_of_events(recording: Recording, frames: Frames) -> tuple[Thresholds, float]:
+def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thresholds, float]:
     """Fit what events are worth to all pairs of frames within a recording.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from eres_render.errors import nearest
+from eres_render.errors import suggestion
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.results.paper_slider import PAPER_SIGMA_MM
@@ -139,5 +139,5 @@ def preset(name: str) -> Study:
         The name is unknown; the message suggests the nearest one.
     """
     if name not in PRESETS:
-        raise StudyError(f"preset: found {name!r}; {nearest(name, PRESETS)}")
+        raise StudyError(f"preset: found {name!r}; {suggestion(name, PRESETS)}")
     return PRESETS[name]

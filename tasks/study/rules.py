@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eres_render import list_scenes
-from eres_render.errors import check_positive, check_spp, nearest
+from eres_render.errors import check_positive, check_spp, suggestion
 from sensor.errors import SensorError
 from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
@@ -61,7 +61,7 @@ def _check_lists(study: Study) -> None:
         if scene not in study.scenes:
             raise StudyError(
                 f"trajectories: found {scene!r}, expected one of scenes; "
-                f"{nearest(scene, study.scenes)}"
+                f"{suggestion(scene, study.scenes)}"
             )
     for name in (
         *(
@@ -273,7 +273,7 @@ def check_scenes(study: Study, scenes: Sequence[Scene]) -> None:
             for name in stretches.scenes:
                 if name not in (*names, *list_scenes()):  # a preset's scene may not be in a run
                     raise StudyError(
-                        f"evaluate.{task}: found no scene {name!r}; {nearest(name, names)}"
+                        f"evaluate.{task}: found no scene {name!r}; {suggestion(name, names)}"
                     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from sensor.events import Events
 from sensor.formats import Header
 from sensor.model import SensorModel
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.origin import in_text
 from tasks.view.clip import ClipFrames, ClipSource
 from tasks.view.drawing import Palette, draw_events, plain
@@ -37,7 +37,7 @@ class EventSource:
     length_us: int | None = None
     count: int | None = None
     format: str | None = None
-    reading: Reading = AS_STORED
+    reading: ReadOptions = AS_STORED
     frames: ClipFrames | None = None
     start_us: int | None = None
     camera: str = ""

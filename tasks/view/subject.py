@@ -13,7 +13,7 @@ from sensor.cameras import EventCamera, find_camera
 from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.events.simulation import FASTEST
 from tasks.origin import shift_us
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
@@ -52,7 +52,7 @@ def open_subject(
     *,
     over: RadianceSequence | None,
     show: Show,
-    reading: Reading,
+    reading: ReadOptions,
     format: str | None,
     on_progress: Progress,
 ) -> Subject:
@@ -102,7 +102,7 @@ def open_subject(
     return _timed(tuple(sources), look, on_progress)
 
 
-def _header(path: Path, reading: Reading, format: str | None) -> Header:
+def _header(path: Path, reading: ReadOptions, format: str | None) -> Header:
     header = read_header(path, format=format, topic=reading.topic)
     try:
         return header.with_size(reading.size)

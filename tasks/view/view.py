@@ -11,7 +11,7 @@ from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.reading import AS_STORED, Reading
+from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.view.drawing import PALETTES, Picture
 from tasks.view.files import WRITERS, possible_fps
 from tasks.view.layout import Layout
@@ -44,7 +44,7 @@ def view(
     *,
     over: str | Path | None = None,
     show: Show = "frames",
-    reading: Reading = AS_STORED,
+    reading: ReadOptions = AS_STORED,
     format: str | None = None,
     overwrite: bool = False,
     on_progress: Progress = silent,

@@ -15,7 +15,7 @@ from PIL import Image
 from eres_render.storage.settings_reader import read_typed
 from sensor import Events, SensorModel
 from tasks.errors import ResultError
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId, sensor_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights

@@ -10,7 +10,7 @@ from eres_render.progress import silent
 from sensor import SensorModel
 from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Flow, Reconstruction, Tracking
 
 

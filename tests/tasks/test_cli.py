@@ -18,7 +18,7 @@ from tasks.cli.camera_options import CameraOptions
 from tasks.cli.command_line import _ToTerminal, command_names
 from tasks.cli.events import simulate
 from tasks.errors import TaskError
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 
 
 def test_version_and_lists(eres):

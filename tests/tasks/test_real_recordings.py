@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tasks.events.reading import Reading
+from tasks.events.reading import ReadOptions
 from tasks.recording.evaluate import evaluate_recording
 from tasks.recording.frames import open_frames
 from tasks.recording.recording import open_recording
@@ -19,7 +19,7 @@ SLIDER = Path(os.environ.get("ERES_RECORDINGS", "recordings")) / "slider_depth"
 def slider():
     if not (SLIDER / "events_chunk.txt").exists():
         pytest.skip(f"put slider_depth (docs/real.md) into {SLIDER}, or set ERES_RECORDINGS")
-    recording = open_recording(SLIDER / "events_chunk.txt", reading=Reading(size=(240, 180)))
+    recording = open_recording(SLIDER / "events_chunk.txt", reading=ReadOptions(size=(240, 180)))
     frames = open_frames(SLIDER, time_unit="s", exposure_us=0, encoding="linear")
     return {"recording": recording, "frames": frames, "shift_us": None}
 

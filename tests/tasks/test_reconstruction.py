@@ -9,7 +9,7 @@ from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Reconstruction
 from tasks.methods import load_method
 from tasks.methods.event_integration import reconstruct

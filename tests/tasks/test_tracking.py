@@ -15,7 +15,7 @@ from sensor import Events, SensorModel, simulate
 from tasks.errors import MethodError, TaskError
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.tracking import TrackingScorer
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Tracking
 from tasks.methods import initial_path, load_method
 from tasks.methods import photometric_tracking as eppt

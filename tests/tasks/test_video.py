@@ -14,7 +14,7 @@ from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.video import VideoScorer
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Video
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay

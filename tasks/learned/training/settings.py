@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
-from eres_render.errors import check_positive, nearest
+from eres_render.errors import check_positive, suggestion
 from eres_render.storage.settings_reader import read_toml
 from tasks.errors import TrainingError
 from tasks.random_crops.settings import MAX_SIDE_PX, Crops, FlowCrops
@@ -206,7 +206,7 @@ def find_training(known: dict[str, T], name: str) -> T:
         return known[name]
     if not name.endswith(".toml"):
         raise TrainingError(
-            f"config: found {name!r}, expected a name or a .toml file; {nearest(name, known)}"
+            f"config: found {name!r}, expected a name or a .toml file; {suggestion(name, known)}"
         )
     kind: type[T] = type(next(iter(known.values())))
     return read_toml(kind, Path(name), TrainingError)

@@ -14,7 +14,7 @@ from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.timings import JobTimings, of_one_job
 from tasks.provenance import environment
 from tasks.row import Row

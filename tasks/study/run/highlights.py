@@ -9,7 +9,7 @@ import numpy as np
 from eres_render import RadianceSequence
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import QueuedJob

@@ -12,7 +12,7 @@ import numpy as np
 
 from eres_render import Clip, Scene, Trajectory, clips, continuous_stretch
 from tasks.errors import StudyError
-from tasks.evaluation.setting import Setting
+from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
 from tasks.methods import code_of, code_of_tasks
 from tasks.methods.networks import digests
