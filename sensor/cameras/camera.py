@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Kind = Literal["smallest", "nominal", "measured", "published", "given", "bound"]
 KINDS: tuple[str, ...] = get_args(Kind)
 
+BUS_KEYS = "bus", "fifo", "row_overhead"
+"""Keys of a camera that are about its bus."""
 _ELECTRONICS = [name for name, key in KEYS.items() if key.part == "electronics"]
 
 
@@ -226,11 +228,7 @@ random_start
         -------
         EventCamera
         """
-        names = [
-            name
-            for name in _ELECTRONICS
-            if name not in ("bus", "fifo", "row_overhead") or other.states("bus")
-        ]
+        names = [name for name in _ELECTRONICS if name not in BUS_KEYS or other.states("bus")]
         taken = {FIELDS[name]: getattr(other, FIELDS[name]) for name in names}
         sources = {name: one for name, one in self.sources.items() if name not in names}
         sources |= {name: one for name, one in other.sources.items() if name in names}

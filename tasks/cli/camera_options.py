@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
@@ -90,15 +89,8 @@ class CameraOptions:
         given = self.given
         return {"lux": self.lux, "cutoff_hz": given.get("cutoff")}
 
-    def camera(
-        self,
-        width: int,
-        height: int,
-        *,
-        usual_width: int | None = None,
-        without: Collection[str] = ("cutoff",),
-    ) -> EventCamera:
-        """Return the camera for frames of this size.
+    def camera(self, width: int, height: int, *, usual_width: int | None = None) -> EventCamera:
+        """Return the camera for frames of this size; an option for its cutoff is in `light`.
 
         Parameters
         ----------
@@ -106,8 +98,6 @@ class CameraOptions:
             Size of the frames, px.
         usual_width
             Width of the sensor if none is given, px; None to refuse that.
-        without
-            Keys whose options are not part of the camera, but the light's or the command's.
 
         Returns
         -------
@@ -123,11 +113,9 @@ class CameraOptions:
         given = self.given
         if {"lux", "cutoff"} <= {*given}:
             raise TaskError("lux, cutoff: found both, expected one of them")
-        table = {name: value for name, value in given.items() if name in KEYS}
+        table = {name: value for name, value in given.items() if name in {*KEYS} - {"cutoff"}}
         named = {"sensor": "base", "electronics": "electronics"}
         table |= {word: given[name] for name, word in named.items() if name in given}
-        for name in without:
-            table.pop(name, None)
         camera = camera_of(table)
         if camera.width is not None:
             if self.resolution is not None:

@@ -16,13 +16,13 @@ import numpy as np
 
 from eres_render import list_scenes
 from eres_render.errors import check_positive, check_spp, suggestion
+from sensor.cameras.camera import BUS_KEYS
 from sensor.errors import SensorError
 from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Flow, unlike_two_poles
 from tasks.registry import TASKS
 from tasks.study.results.previews import INDEX_NAME
-from tasks.study.sensors import BUS_KEYS
 from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
 if TYPE_CHECKING:

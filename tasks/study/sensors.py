@@ -49,10 +49,6 @@ def own_of(camera: EventCamera) -> tuple[str, ...]:
     return tuple(name for name, holds in own.items() if holds)
 
 
-BUS_KEYS = ("bus", "fifo", "row_overhead")
-"""Keys of a camera that are about its bus."""
-
-
 def bus_of(camera: EventCamera, bus_mev_s: float | None) -> Readout | None:
     """Return the bus of a camera, or that of the study, in million events per second."""
     if bus_mev_s is None or camera.states("bus"):

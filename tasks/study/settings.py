@@ -11,6 +11,7 @@ from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.cameras import EventCamera
+from sensor.cameras.camera import BUS_KEYS
 from sensor.levels import DARK_FRACTION
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
@@ -18,7 +19,6 @@ from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
 from tasks.study.sensors import (
-    BUS_KEYS,
     StudyLight,
     bus_of,
     light_at,
