@@ -39,7 +39,8 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
         if isinstance(found, Dispatcher):  # not if Numba is disabled
             kept: Any = found
             index = kept._cache._cache_file
-            index._source_stamp = (index._source_stamp, stamp)
+            # Numba compares it before it unpickles types, which an edit may have renamed.
+            index._version = f"{index._version} {index._source_stamp} {stamp}"
             _compile_once(kept)
         return found
 

@@ -78,6 +78,34 @@ def test_an_edit_of_a_kernel_recompiles_those_that_call_it(folder, variables):
     assert result() == (0, 10, 0)
 
 
+OF_A_TUPLE = """
+from typing import NamedTuple
+from kernels.compiling import jit
+
+
+class {0}(NamedTuple):
+    value: int
+
+
+@jit
+def value(light):
+    return light.value
+
+
+print(value({0}(3)))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", [SENSOR, RENDER], indirect=True)
+def test_an_update_may_rename_a_type_of_an_argument(folder, variables):
+    """Promise: a cache of code whose types have been renamed since is compiled anew; unpickling it
+    would fail."""
+    for name in ("Light", "PixelLight"):
+        (folder / "tuples.py").write_text(OF_A_TUPLE.format(name))
+        assert run_python("import kernels.tuples", **variables).stdout == "3\n"
+
+
 TOGETHER = """
 import sys, time
 from pathlib import Path
