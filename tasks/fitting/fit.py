@@ -328,7 +328,7 @@ def _in_motion(
             levels, coarse = (one.at_dark(dark.value) for one in (levels, coarse))
     motion = None
     if evidence.motion:
-        motion = fit_motion(levels, coarse, part.exposure_us)
+        motion = fit_motion(levels, coarse, part.exposure_us, part.errors)
         late = 1e6 * motion.latency_s.value, motion.pole_s, motion.poles
     else:
         late = lag(levels)

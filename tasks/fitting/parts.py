@@ -13,6 +13,7 @@ from tasks.errors import TaskError
 from tasks.footage import Footage
 from tasks.recording.frames import RecordedFrames
 from tasks.recording.levels import SETTLING, busiest, every_second, light_between
+from tasks.recording.motion import INTERPOLATED, KNOWN
 
 Check = Literal["second", "first", "none"]
 """The half that is held out."""
@@ -34,12 +35,15 @@ class Part(NamedTuple):
         memories of simulated pixels settle.
     exposure_us
         Longest exposure of the frames.
+    errors
+        Share of a filter that errors of the light may explain, for `fit_motion`.
     """
 
     light: Footage
     coarse: Footage
     counted_us: tuple[int, int]
     exposure_us: float
+    errors: float
 
 
 def parts_of(
@@ -70,12 +74,12 @@ def parts_of(
 
 def _part(seen: RecordedFrames | Footage, start: int, end: int) -> Part:
     """Return the light from one frame to another."""
-    exposure_us = 0.0
+    exposure_us, errors = 0.0, KNOWN
     if isinstance(seen, RecordedFrames):
         frames = seen.some(np.arange(start, end + 1))
         light, coarse = light_between(frames), light_between(frames.every_second())
         exposure_us = float(np.max(frames.end_us - frames.start_us))
-        second_us = float(frames.middle_us[1])
+        second_us, errors = float(frames.middle_us[1]), INTERPOLATED
     else:
         t_s = seen.t_s[start : end + 1]
         light = replace(seen, t_s=t_s, frames=lambda: islice(seen, start, end + 1))
@@ -83,4 +87,4 @@ def _part(seen: RecordedFrames | Footage, start: int, end: int) -> Part:
         second_us = 0.0
     first_us, last_us = (light.t_offset_us + 1e6 * light.t_s[[0, -1]]).tolist()
     settled_us = max(second_us, first_us + SETTLING * (last_us - first_us))
-    return Part(light, coarse, (round(settled_us), round(last_us)), exposure_us)
+    return Part(light, coarse, (round(settled_us), round(last_us)), exposure_us, errors)

@@ -24,9 +24,9 @@ _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, 
 NOISY = 0.05
 """If a larger share of the change of light is unexplained, the filter cannot be told from it, and
 thresholds are underestimated."""
-_AS_WELL = 0.1
-# Of what a delay leaves: a filter that explains less may be that of the errors of the light, which
-# explains up to 0.057 in simulations of sensors without one.
+KNOWN, INTERPOLATED = 0.1, 0.3
+# Share of what a delay leaves that a filter may owe to errors of the light: up to 0.057 in
+# simulations of sensors without one, and 0.25 where the light between frames is interpolated.
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 _MIN_US = 1.0  # delay of a sensor that is not late
 _EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well
@@ -86,7 +86,9 @@ class MotionResponse(NamedTuple):
         return 1 / (2 * math.pi * self.cutoff_hz.value)
 
 
-def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> MotionResponse:
+def fit_motion(
+    levels: Levels, coarse: Levels, exposure_us: float = 0.0, errors: float = KNOWN
+) -> MotionResponse:
     """Estimate cutoff and latency from events whose light is known.
 
     An event lags its light by the latency and the filter. Slow changes determine the sum; fast ones
@@ -99,9 +101,10 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     change of the answer with light from every second frame, and by 5 % of the time constant for
     thresholds that differ between pixels by up to 10 %. An exposure smooths the frames as the
     filter smooths the events, so the lower end of the cutoff includes its smoothing. A filter also
-    smooths errors of the light: if more than a twentieth of its change is unexplained, or the
-    filter explains less than a tenth of what a delay alone leaves, the cutoff is only bounded
-    from below, and the latency by the delay: light on a clock that is early explains as much.
+    smooths errors of the light, so its upper end includes that they are a part of what the filter
+    explains. If the filter explains no more than they may, or if more than a twentieth of the
+    change of the light is unexplained, the cutoff is only bounded from below, and the latency by
+    the delay: light on a clock that is early explains as much.
 
     Parameters
     ----------
@@ -111,6 +114,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
         The same with light from every second frame.
     exposure_us
         Exposure of the frames, microseconds.
+    errors
+        Share of what a delay alone leaves that errors of the light may explain as a filter.
 
     Returns
     -------
@@ -146,8 +151,15 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     late = 1e6 * latency.value, pole.value, poles
     unexplained = fit_line(levels, *late).unexplained
     alone = fit_line(levels, start_us).unexplained
-    if unexplained > NOISY or unexplained > (1 - _AS_WELL) * alone:
+    # What a filter explains grows with the fourth power of its time constant.
+    filtered = 1 - errors * alone / max(alone - unexplained, 1e-12)
+    if unexplained > NOISY or filtered <= 0:
         pole = Estimate(pole.value, 0.0, slowest)
+    else:
+        fastest = min(pole.low, filtered**0.25 * pole.value)
+        owed = poles * (pole.low - fastest)
+        pole, latency = pole._replace(low=fastest), latency._replace(high=latency.high + owed)
+        delay = delay._replace(low=delay.low - 0.5 * owed)
     if pole.low <= 0 or latency.value < 1e-6:  # at its bound, the draws do not vary
         latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
