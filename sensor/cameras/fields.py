@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as field_of
 from typing import Literal
 
@@ -60,7 +60,7 @@ class Key:
         its pixels; else "electronics", the bus included.
     """
 
-    meaning: str
+    meaning: str = field_of(kw_only=False)
     note: str = ""
     field: str = ""
     kind: Literal["number", "integer", "text", "flag", "word"] = "number"
@@ -75,25 +75,17 @@ _HZ = {"Hz": _times(1), "kHz": _times(1e3)}
 _SECONDS = {"s": _times(1), "ms": _times(1e-3), "us": _times(1e-6)}
 _SHARE = {"1": _times(1), "%": _times(1e-2)}
 _LOG = {"log": _times(1), "%": _times(1e-2)}
+_SIDE = Key("width", kind="integer", units={"px": float}, least=1, most=MAX_SIDE_PX, part="grid")
 
 KEYS: dict[str, Key] = {
-    "title": Key(meaning="name of the camera, in words", kind="text", part="name"),
-    "supplier": Key(meaning="who sells it", kind="text", part="name"),
-    "year": Key(meaning="year of release", kind="integer", least=1900, most=2200, part="name"),
-    "interface": Key(meaning="its connection to a computer", kind="text", part="name"),
-    "width": Key(
-        meaning="width", kind="integer", units={"px": float}, least=1, most=MAX_SIDE_PX, part="grid"
-    ),
-    "height": Key(
-        meaning="height",
-        kind="integer",
-        units={"px": float},
-        least=1,
-        most=MAX_SIDE_PX,
-        part="grid",
-    ),
+    "title": Key("name of the camera, in words", kind="text", part="name"),
+    "supplier": Key("who sells it", kind="text", part="name"),
+    "year": Key("year of release", kind="integer", least=1900, most=2200, part="name"),
+    "interface": Key("its connection to a computer", kind="text", part="name"),
+    "width": _SIDE,
+    "height": replace(_SIDE, meaning="height"),
     "pitch": Key(
-        meaning="side of a pixel",
+        "side of a pixel",
         field="pitch_um",
         units={"um": _times(1)},
         least=1e-3,
@@ -101,14 +93,14 @@ KEYS: dict[str, Key] = {
         part="grid",
     ),
     "fill_factor": Key(
-        meaning="light-sensitive share of a pixel's area",
+        "light-sensitive share of a pixel's area",
         units=_SHARE,
         least=MIN_FILL_FACTOR,
         most=1.0,
         part="grid",
     ),
     "threshold": Key(
-        meaning="contrast threshold of ON events, and of OFF events that have none",
+        "contrast threshold of ON events, and of OFF events that have none",
         note="0.2 by default",
         field="contrast_threshold",
         units={"log": _times(1), "%": _rise},
@@ -116,109 +108,101 @@ KEYS: dict[str, Key] = {
         most=MAX_THRESHOLD,
     ),
     "threshold_off": Key(
-        meaning="contrast threshold of OFF events",
+        "contrast threshold of OFF events",
         field="contrast_threshold_off",
         units={"log": _times(1), "%": _fall},
         least=MIN_THRESHOLD,
         most=MAX_THRESHOLD,
     ),
     "threshold_mismatch": Key(
-        meaning="standard deviation of the thresholds between pixels",
+        "standard deviation of the thresholds between pixels",
         note="typically 0.03",
         units=_LOG,
         most=1e6,
     ),
     "photoreceptor": Key(
-        meaning="filter of its pixels",
+        "filter of its pixels",
         note="v2e's is one pole whose cutoff follows the light of each pixel",
         kind="word",
         words=PHOTORECEPTORS,
     ),
     "cutoff": Key(
-        meaning="corner frequency of each pole of the photoreceptor",
+        "corner frequency of each pole of the photoreceptor",
         note="the paper has 200 for day and 50 for night",
         field="cutoff_hz",
         units=_HZ,
         least=math.ulp(0.0),
     ),
     "cutoff_follows_light": Key(
-        meaning="whether a pixel's cutoff is proportional to its own light", kind="flag"
+        "whether a pixel's cutoff is proportional to its own light", kind="flag"
     ),
     "illuminance": Key(
-        meaning="light on the scene for which cutoff and shot noise hold",
+        "light on the scene for which cutoff and shot noise hold",
         field="illuminance_lux",
         units={"lux": _times(1), "klux": _times(1e3)},
         least=math.ulp(0.0),
         most=1e12,
     ),
-    "like": Key(
-        meaning="camera that lends its cutoff per lux", note="dvs128 by default", kind="text"
-    ),
+    "like": Key("camera that lends its cutoff per lux", note="dvs128 by default", kind="text"),
     "area_exponent": Key(
-        meaning="exponent of the photodiode's area in a cutoff that is lent",
+        "exponent of the photodiode's area in a cutoff that is lent",
         note="0 by default, at most 1",
         most=1.0,
     ),
     "leak": Key(
-        meaning="rate of ON events of a pixel in constant light",
+        "rate of ON events of a pixel in constant light",
         note="typically 0.1",
         field="leak_hz",
         units=_HZ,
         most=MAX_RATE_HZ,
     ),
     "shot_noise": Key(
-        meaning="rate of noise events of a pixel in the dark",
+        "rate of noise events of a pixel in the dark",
         field="shot_noise_hz",
         units=_HZ,
         most=MAX_RATE_HZ,
     ),
     "shot_noise_exponent": Key(
-        meaning="fall of the shot noise with the light", note="0.5 by default", most=1e6
+        "fall of the shot noise with the light", note="0.5 by default", most=1e6
     ),
-    "hot_pixels": Key(
-        meaning="share of hot pixels", field="hot_pixel_fraction", units=_SHARE, most=1.0
-    ),
+    "hot_pixels": Key("share of hot pixels", field="hot_pixel_fraction", units=_SHARE, most=1.0),
     "hot_pixel_rate": Key(
-        meaning="rate of noise events of a hot pixel",
+        "rate of noise events of a hot pixel",
         note="100 by default",
         field="hot_pixel_hz",
         units=_HZ,
         most=MAX_RATE_HZ,
     ),
     "refractory": Key(
-        meaning="dead time after an event", field="refractory_s", units=_SECONDS, most=MAX_TIME_S
+        "dead time after an event", field="refractory_s", units=_SECONDS, most=MAX_TIME_S
     ),
     "latency": Key(
-        meaning="delay from the crossing of a threshold to its event",
+        "delay from the crossing of a threshold to its event",
         note="on top of that of the photoreceptor",
         field="latency_s",
         units=_SECONDS,
         most=1000.0,
     ),
     "random_start": Key(
-        meaning="whether memories start at random levels, as in a camera that has been running",
-        kind="flag",
+        "whether memories start at random levels, as in a camera that has been running", kind="flag"
     ),
     "dark": Key(
-        meaning="dark level, as a share of white",
-        note="0.001 by default",
-        field="dark_share",
-        units=_SHARE,
+        "dark level, as a share of white", note="0.001 by default", field="dark_share", units=_SHARE
     ),
     "warm_up": Key(
-        meaning="warm-up before a window, in time constants of the photoreceptor",
+        "warm-up before a window, in time constants of the photoreceptor",
         note="6 by default",
         most=1e6,
     ),
     "bus": Key(
-        meaning="capacity of the bus",
+        "capacity of the bus",
         note='"unlimited" for events that leave at once',
         field="bus_hz",
         units={"Mev/s": _times(1e6), "ev/s": _times(1)},
         least=math.ulp(0.0),
     ),
     "fifo": Key(
-        meaning="events that can wait for the bus",
+        "events that can wait for the bus",
         note="an event that finds the queue full is lost; 4096 by default",
         kind="integer",
         units={"events": float},
@@ -226,7 +210,7 @@ KEYS: dict[str, Key] = {
         most=100_000_000,
     ),
     "row_overhead": Key(
-        meaning="time to open a row of pixels",
+        "time to open a row of pixels",
         note="the row that has waited longest is read next",
         field="row_overhead_s",
         units=_SECONDS,
