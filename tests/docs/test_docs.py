@@ -93,6 +93,15 @@ def resolves(name):
     return False
 
 
+def test_the_readme_starts_at_once(capsys):
+    """Promise: at most 900 words, a command within the first 150, and Python that runs."""
+    text = (ROOT / "README.md").read_text()
+    assert len(text.split()) <= 900
+    assert len(text.partition("make demo")[0].split()) <= 150
+    exec(re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[1], {})
+    assert re.match(r"Events\(\d+ of 346x260 px", capsys.readouterr().out)
+
+
 def test_every_equation_of_the_paper_is_there():
     """Promise: each of the equations (1) to (16) has a line, alone or shared."""
     first_cells = re.findall(r"^\| (\([^|]*\)) \|", EQUATIONS.read_text(), re.MULTILINE)
