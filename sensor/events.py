@@ -126,6 +126,11 @@ class Events:
         span = f", {self.t_us[0]}..{self.t_us[-1]} us" if len(self) else ""
         return f"Events({len(self)} of {self.width}x{self.height} px{span})"
 
+    def _repr_html_(self) -> str:
+        from sensor.notebook import html_of  # here, as few sessions are notebooks
+
+        return html_of(self)
+
     @classmethod
     def trusted(
         cls,
