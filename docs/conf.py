@@ -101,12 +101,19 @@ def shorten_arrays(app, what, name, obj, options, signature, returns):
     return tuple(one and spelled_out.sub(r"NDArray[\1]", one) for one in (signature, returns))
 
 
+def of_groups(groups):
+    """Return the commands of a list that has their names, or the first word of several."""
+    return [name for name in command_names() if {name, name.split()[0]} & {*groups}]
+
+
 class CommandHelp(SphinxDirective):
-    """Print the help of every command, as a terminal shows it."""
+    """Print the help of some commands, as a terminal shows it: their groups, or their names."""
+
+    has_content = True
 
     def run(self):
         sections = []
-        for name in command_names():
+        for name in of_groups(self.content):
             said = io.StringIO()
             asked = mock.patch("sys.argv", ["eres", *name.split(), "--help"])
             with asked, redirect_stdout(said), suppress(SystemExit):

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 from markdown_it import MarkdownIt
 
+from tasks.cli.command_line import command_names
 from tasks.study.config import Study
 from tasks.study.study_file import read_study
 
@@ -100,6 +102,15 @@ def test_the_readme_starts_at_once(capsys):
     assert len(text.partition("make demo")[0].split()) <= 150
     exec(re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[1], {})
     assert re.match(r"Events\(\d+ of 346x260 px", capsys.readouterr().out)
+
+
+def test_each_command_has_its_help_on_one_page():
+    """Promise: the pages of the command line have every command once."""
+    pages = (page.read_text() for page in (ROOT / "docs").glob("cli*.md"))
+    blocks = (re.search(r"```{command-help}\n(.*?)```", text, re.DOTALL)[1] for text in pages)
+    listed = Counter(" ".join(blocks).split())
+    for name in command_names():
+        assert listed[name] + listed[name.split()[0]] * (" " in name) == 1, name
 
 
 def test_every_equation_of_the_paper_is_there():
