@@ -101,7 +101,7 @@ PRESETS = {
                     "event_integration_bilinear",
                     "event_integration_nearest",
                     "no_events",
-                ),
+                )
             ),
             flow=Flow(
                 methods=(

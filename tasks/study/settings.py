@@ -18,13 +18,7 @@ from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
-from tasks.study.sensors import (
-    StudyLight,
-    bus_of,
-    light_at,
-    own_of,
-    with_area_exponents,
-)
+from tasks.study.sensors import StudyLight, bus_of, light_at, own_of, with_area_exponents
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
     for width in WIDTHS:
         for cutoff in CUTOFFS_HZ:
             for speed in SPEEDS:
-                median = published("carpet", *EI[:2], width, cutoff, speed, EI.metric)
+                median = published("carpet", *EI[:2], width, cutoff, speed)
                 assert median is not None
                 for i in range(samples):
                     at = (width, cutoff, 0.2, speed, i, "psnr_db")

@@ -59,12 +59,7 @@ class Claim(ABC):
         """
 
     def verdict(
-        self,
-        outcomes: Iterable[Status],
-        ours: str,
-        paper: str,
-        scope: str = "",
-        likeness: str = "",
+        self, outcomes: Iterable[Status], ours: str, paper: str, scope: str = "", likeness: str = ""
     ) -> Verdict:
         """Return the verdict that follows from outcomes.
 

@@ -79,9 +79,7 @@ def judge_readings(
     return {first: verdicts, **rest}
 
 
-def changed_verdicts(
-    verdicts: Mapping[str, Sequence[Verdict]],
-) -> list[tuple[Verdict, ...]]:
+def changed_verdicts(verdicts: Mapping[str, Sequence[Verdict]]) -> list[tuple[Verdict, ...]]:
     """Return the verdicts on each claim that are not the same with all photoreceptors.
 
     A claim that is not measured with one of them is left out.
@@ -96,9 +94,7 @@ def changed_verdicts(
 
 
 def judge_all(
-    rows: Iterable[Row] | Scores,
-    scaling: Mapping[str, Scaling],
-    claims: Iterable[Claim] = CLAIMS,
+    rows: Iterable[Row] | Scores, scaling: Mapping[str, Scaling], claims: Iterable[Claim] = CLAIMS
 ) -> list[Verdict]:
     """Judge claims, in the order of their numbers.
 

@@ -26,12 +26,7 @@ from tasks.study.results.paper_slider import (
 from tasks.study.results.perturbation import TRACKING, judged_series, sweep
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
-from tasks.study.results.slider import (
-    BASE_SPEED_M_PER_S,
-    FIELD_PX,
-    PRINTS,
-    light_label,
-)
+from tasks.study.results.slider import BASE_SPEED_M_PER_S, FIELD_PX, PRINTS, light_label
 from tasks.study.results.words import join_words
 from tasks.variants import NATIVE_PATCH, sigma_variant
 

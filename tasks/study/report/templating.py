@@ -10,14 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
-from tasks.study.report.sections import (
-    failures,
-    matrix,
-    scaling,
-    threshold,
-    timings,
-    tradeoff,
-)
+from tasks.study.report.sections import failures, matrix, scaling, threshold, timings, tradeoff
 from tasks.study.results import asked, comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import BRACKETS

@@ -14,12 +14,7 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
-from tasks.study.results.words import (
-    MISSING,
-    capitalized,
-    rate_label,
-    share_text,
-)
+from tasks.study.results.words import MISSING, capitalized, rate_label, share_text
 
 _NATIVE, _RATE = "native px", "M/s"  # heads of columns
 

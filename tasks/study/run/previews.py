@@ -72,9 +72,7 @@ class Film:
 
 
 def preview_files(
-    job: Job,
-    frames: Sequence[NDArray[np.float32]],
-    films: Mapping[tuple[SensorId, float], Film],
+    job: Job, frames: Sequence[NDArray[np.float32]], films: Mapping[tuple[SensorId, float], Film]
 ) -> dict[str, bytes]:
     """Draw a job's previews.
 

@@ -61,11 +61,7 @@ def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
 def _success_line(scores: Scores, found: list[Series], of: SensorId, cutoff_hz: float) -> Line:
     shares = {one: _pooled_success(scores, one, of, cutoff_hz) for one in found}
     points = [
-        Point(
-            x,
-            100 * share,
-            [of.label, one.variant, f"{share_text(share)} succeed"],
-        )
+        Point(x, 100 * share, [of.label, one.variant, f"{share_text(share)} succeed"])
         for one, share in shares.items()
         if share is not None and (x := sigma_mm(one.variant)) is not None
     ]
