@@ -14,6 +14,10 @@ from tasks.study.settings import Render, Simulate, Study
 SLIDER_LUX = (300.0, 67.0, 17.0)
 """Illuminance of the prints in the preset "slider", lux; the paper does not state its own."""
 
+_FLOW = "photometric_flow", "photometric_flow_with_delay", "contrast_maximization", "initial_flow"
+_TRACKING = "photometric_tracking", "photometric_tracking_with_delay", "initial_path"
+_VIDEO = "high_pass_filter", "high_pass_filter_no_event_decay", "blank"
+
 PRESETS = {
     "quick": Study(
         name="quick",
@@ -29,23 +33,18 @@ PRESETS = {
         simulate=Simulate(photoreceptors=("two_pole", "v2e")),
         evaluate=Evaluate(
             flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_with_delay",
-                    "contrast_maximization",
-                    "initial_flow",
-                ),
+                methods=_FLOW,
                 native_patch=True,
                 fast_methods=("photometric_flow", "contrast_maximization", "initial_flow"),
                 fast_scenes=("carpet",),
             ),
             tracking=Tracking(
-                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                methods=_TRACKING,
                 sigmas_mm=(20.0,),  # from 50 mm on most searches fail, slowly
                 max_events=50_000,
             ),
             video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                methods=_VIDEO,
                 scenes=("carpet",),
             ),
         ),
@@ -66,23 +65,18 @@ PRESETS = {
         ),
         evaluate=Evaluate(
             flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_with_delay",
-                    "contrast_maximization",
-                    "initial_flow",
-                ),
+                methods=_FLOW,
                 native_patch=True,
             ),
             tracking=Tracking(
-                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                methods=_TRACKING,
                 # 2.5 mm at 24 cm is about the same angle as 20 mm at 1.8 m in "paper".
                 sigmas_mm=(2.5, PAPER_SIGMA_MM),
                 max_events=50_000,
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
             ),
             video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                methods=_VIDEO,
                 duration_s=1.2,
                 run_in_s=0.6,
                 every_s=0.03,
@@ -120,7 +114,7 @@ PRESETS = {
             ),
             tracking=Tracking(sigmas_mm=(20.0, 200.0), max_events=20_000),
             video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                methods=_VIDEO,
                 scenes=("carpet",),
                 duration_s=1.2,
                 other_equalizations=("none", "clahe"),

@@ -56,10 +56,10 @@ def read_study(file: str | Path) -> Study:
         table["scenes"] = [_placed(name, file) for name in table["scenes"]]
     if paths:
         table["trajectories"] = {
-            _placed(name, file): str(file.parent / one) for name, one in paths.items()
+            _placed(name, file): str(file.parent / path) for name, path in paths.items()
         }
     study = read_typed(Study, table, file, StudyError)
-    placed = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
+    placed = {name: str((file.parent / path).absolute()) for name, path in weights.items()}
     try:
         rules.check_file(study)
         return with_weights(study, placed)
@@ -68,7 +68,7 @@ def read_study(file: str | Path) -> Study:
 
 
 def _names(kind: type) -> list[str]:
-    return [one.name for one in fields(kind)]
+    return [field.name for field in fields(kind)]
 
 
 def _placed(scene: Any, file: Path) -> Any:
@@ -84,11 +84,9 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     table = dict(given)
     new = [name for name in table if name != "photoreceptor"]
     check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
-    for one, other in _ONE_OF:
-        if one in table and other in table:
-            raise StudyError(
-                f"{file}: simulate: found both {one} and {other}, expected one of them"
-            )
+    for name, other in _ONE_OF:
+        if name in table and other in table:
+            raise StudyError(f"{file}: simulate: found both {name} and {other}; leave out one")
     if "photoreceptor" in table:  # the field of older versions
         table["photoreceptors"] = [table.pop("photoreceptor")]
     if "bus" in table:
@@ -96,12 +94,11 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     if "sensors" not in table:
         return table
     table.setdefault("widths", [])
-    found = table.pop("sensors")
-    if not isinstance(found, list):
-        raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
+    place = "simulate.sensors"
+    entries = read_typed(tuple[Any, ...], table["sensors"], file, StudyError, place)
     table["sensors"] = [
-        read_camera_of(one, f"{file}: simulate.sensors[{i}]", file.parent)
-        for i, one in enumerate(found)
+        read_camera_of(entry, f"{file}: {place}[{i}]", file.parent)
+        for i, entry in enumerate(entries)
     ]
     return table
 
@@ -116,11 +113,9 @@ _ONE_OF = (
 
 def _bus_mev_s(camera: Any, file: Path) -> float:
     """Return the capacity of a camera's bus, million events per second."""
-    place = f"{file}: simulate.bus"
-    if not isinstance(camera, str):
-        raise StudyError(f"{place}: found {camera!r}, expected a camera; bus_mev_s takes a number")
+    name = read_typed(str, camera, file, StudyError, "simulate.bus")  # bus_mev_s is the number
     try:
-        return camera_of({"bus": camera}).bus_hz / 1e6
+        return camera_of({"bus": name}).bus_hz / 1e6
     except SensorError as error:
         raise StudyError(f"{file}: simulate.{error}") from None
 

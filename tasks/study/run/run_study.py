@@ -24,6 +24,7 @@ from tasks.study.run.jobs import (
     check_weights,
     distance_m_of,
     jobs_of,
+    methods_of,
     scale_of,
     trials,
     weight_digests,
@@ -89,7 +90,7 @@ def run_study(
         scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
-        rules.check_compares(work.values())
+        rules.check_compares(methods_of(work.values()))
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
