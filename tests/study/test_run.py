@@ -543,7 +543,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     damaged, unused = warnings_of_tasks(caplog)
     assert damaged.startswith(f"{first}: could not be read as a Parquet file")
     assert damaged.endswith("; the job is computed again")
-    assert unused.endswith("1 job of another study or version is not used")
+    assert unused.endswith("left out 1 job of another study or version")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
 
 

@@ -69,7 +69,7 @@ class Cluster:
             done_s += lengths_s[queued.key]
             workers = self.worker_count()
             begun = islice(queued_of.values(), workers)  # half done, as far as is known here
-            begun_s = sum(lengths_s[one.key] for one in begun)
+            begun_s = sum(lengths_s[other.key] for other in begun)
             shown_s = max(shown_s, done_s + begun_s / 2)  # not less if workers leave
             on_progress(f"workers: {workers}", shown_s, total_s)
 
@@ -117,11 +117,9 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
     worker = get_worker()
     try:
         if worker.state.nthreads != 1:
-            raise StudyError(
-                f"found {worker.state.nthreads} threads, expected 1: start it with --nthreads 1"
-            )
+            raise StudyError(f"{worker.state.nthreads} threads; start it with --nthreads 1")
         if _versions() != versions:
-            raise StudyError(f"found code of versions {_versions()}, expected {versions}")
+            raise StudyError(f"has code of versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
         weights = weight_digests(job.evaluate)
@@ -143,23 +141,21 @@ def _as_found_here(job: Job, key: str) -> Job:
         scene = replace(scene, settings=replace(scene.settings, path=path))
     if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
-            f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
-            f"{job.scene.digest[:12]}, as where the study was started"
+            f"scene {job.scene.source}: its files have digest {scene.digest[:12]}, but "
+            f"{job.scene.digest[:12]} where the study was started"
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError(
-            "found other code of your own method, or other weights, than when the study was started"
-        )
+        raise StudyError("your own method or weights differ from those when the study was started")
     return here
 
 
 def _result(future: Future, job: Job) -> ComputedJob:
-    named = f"{job.scene.name}, clip {job.clip.index}"
+    name = f"{job.scene.name}, clip {job.clip.index}"
     try:
-        result = outcome(future, named)
+        result = outcome(future, name)
     except (OSError, RenderError) as error:
-        raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
+        raise StudyError(f"{name}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):
         raise StudyError(result)
     return result

@@ -32,7 +32,7 @@ class ThisProcess:
         """As `Scheduler.compute`."""
         tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
         estimates = [estimate_job(queued.job) for queued in jobs]
-        total_s = sum(one.core_s for one in estimates)
+        total_s = sum(estimate.core_s for estimate in estimates)
         before_s = 0.0
         with compiling_ahead(tasks):
             for queued, estimate in zip(jobs, estimates, strict=True):

@@ -31,7 +31,7 @@ from tasks.study.run.jobs import (
 )
 from tasks.study.run.pace import add_job, pace_of
 from tasks.study.run.run_folder import RunFolder
-from tasks.study.run.scheduler import Scheduler, open_scheduler
+from tasks.study.run.scheduler import open_scheduler
 
 _log = logging.getLogger(__name__)
 
@@ -103,8 +103,12 @@ def run_study(
         folder.check(here)
         jobs = [queued.job for queued in to_do]
         _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
-        new = trials(study, jobs, [work[key] for key in folder.finished])
-        _try_own_methods(new, computing, on_progress)
+        if new := trials(study, jobs, [work[key] for key in folder.finished]):
+            # A mistake in the user's own methods shows at once, not hours later.
+            _log.info("trying your own methods on one sample first")
+            trying = [QueuedJob(job, job.key, False) for job in new]
+            for _ in computing.compute(trying, _Counted(on_progress, [], len(new))):
+                pass  # the study does not keep these scores
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
         counted = _Counted(on_progress, finished, len(to_do))
@@ -125,7 +129,7 @@ def run_study(
 
 def _check_methods(study: Study) -> None:
     """Refuse methods that do not exist, or whose networks do not fit the sensors."""
-    sizes = [(one.width, one.height) for *_, one in study.simulate.models(study.render)]
+    sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
     speeds = study.simulate.speeds_m_s or study.simulate.speeds
     check_methods(study.evaluate, sizes * len(speeds))
 
@@ -134,16 +138,17 @@ def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dic
     """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
     simulate = study.simulate
     speeds, distances = {}, {}
-    for one in scenes:
-        path = one.trajectory(one.camera(study.render.resolution, study.render.height))
-        scale = scale_of(simulate, one, path)
-        speeds[one.name] = round(scale * path.mean_speed_mps(one.duration_s), 6)
-        own_m = distance_m_of(one, path)
+    for scene in scenes:
+        path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
+        scale = scale_of(simulate, scene, path)
+        speeds[scene.name] = round(scale * path.mean_speed_mps(scene.duration_s), 6)
+        own_m = distance_m_of(scene, path)
         if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
-            distances[one.name] = round(scale * own_m, 6)
-    found = {"plane_distance_m": distances} if distances else {}
-    assumes = {"assumes": simulate.assumes}
-    return {**to_json(study), **assumes, "base_m_per_s": speeds, **found, "jobs": list(jobs)}
+            distances[scene.name] = round(scale * own_m, 6)
+    follows: dict[str, Any] = {"assumes": simulate.assumes, "base_m_per_s": speeds}
+    if distances:
+        follows["plane_distance_m"] = distances
+    return {**to_json(study), **follows, "jobs": list(jobs)}
 
 
 def _scenes(study: Study) -> list[Scene]:
@@ -152,22 +157,6 @@ def _scenes(study: Study) -> list[Scene]:
     scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
     rules.check_scenes(study, scenes)
     return scenes
-
-
-def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progress) -> None:
-    """Run the user's own methods once, so that a mistake in them shows at once, not hours later.
-
-    Raises
-    ------
-    MethodError
-        As the scorers raise it.
-    """
-    if not jobs:
-        return
-    _log.info("trying your own methods on one sample first")
-    queued = [QueuedJob(job, job.key, False) for job in jobs]
-    for _ in computing.compute(queued, _Counted(on_progress, [], len(jobs))):
-        pass  # the study does not keep these scores
 
 
 class _Counted:
@@ -185,7 +174,7 @@ class _Counted:
 
     def __init__(self, on_progress: Progress, finished: Sequence[Job], to_do: int) -> None:
         self._on_progress = on_progress
-        self._found_s = sum(estimate_job(job).core_s for job in finished)
+        self._before_s = sum(estimate_job(job).core_s for job in finished)
         self._done, self._total = len(finished), len(finished) + to_do
 
     def one_is_finished(self) -> None:
@@ -194,4 +183,4 @@ class _Counted:
 
     def __call__(self, stage: str, done: float, total: float, /) -> None:
         text = f"{self._done}/{self._total} jobs: {stage}"
-        self._on_progress(text, self._found_s + done, self._found_s + total)
+        self._on_progress(text, self._before_s + done, self._before_s + total)
