@@ -75,12 +75,12 @@ class Statistic:
     extreme: Extreme | None = None
 
     def __sub__(self, other: Statistic) -> Statistic:
-        one, two = self.each, other.each
+        mine, theirs = self.each, other.each
         cells = tuple(dict.fromkeys((*self.cells, *other.cells)))
         of_one_kind = len({cell.method for cell in cells}) == 1 and self.of_rates == other.of_rates
-        if one is None or two is None or not of_one_kind:
+        if mine is None or theirs is None or not of_one_kind:
             return _combined(np.subtract, self, other)
-        return _per_value(cells, lambda at: one(at) - two(at), self.of_rates)
+        return _per_value(cells, lambda at: mine(at) - theirs(at), self.of_rates)
 
     def __truediv__(self, other: Statistic) -> Statistic:
         return _combined(np.divide, self, other, positive=True)
@@ -209,7 +209,7 @@ def lead(
     """
     first = [median(width, cutoff_hz, speed, method) for width in widths]
     rest = [median(width, cutoff_hz, speed, method) for width in WIDTHS if width not in widths]
-    return largest(*(smallest(*(one - other for other in rest)) for one in first))
+    return largest(*(smallest(*(width - other for other in rest)) for width in first))
 
 
 def growth(width: int, method: str = "", task: str = "") -> Statistic:
@@ -235,20 +235,14 @@ def growth(width: int, method: str = "", task: str = "") -> Statistic:
 
 def smallest(*statistics: Statistic) -> Statistic:
     """Return the smallest of several statistics."""
-    return replace(_combined(_smallest, *statistics), extreme=Extreme.SMALLEST, parts=statistics)
+    combined = _combined(lambda *values: np.min(values, axis=0), *statistics)
+    return replace(combined, extreme=Extreme.SMALLEST, parts=statistics)
 
 
 def largest(*statistics: Statistic) -> Statistic:
     """Return the largest of several statistics."""
-    return replace(_combined(_largest, *statistics), extreme=Extreme.LARGEST, parts=statistics)
-
-
-def _smallest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.min(values, axis=0)
-
-
-def _largest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.max(values, axis=0)
+    combined = _combined(lambda *values: np.max(values, axis=0), *statistics)
+    return replace(combined, extreme=Extreme.LARGEST, parts=statistics)
 
 
 def smallest_fall(*statistics: Statistic) -> Statistic:
@@ -258,7 +252,7 @@ def smallest_fall(*statistics: Statistic) -> Statistic:
 
 def spread(*statistics: Statistic) -> Statistic:
     """Return the largest difference between two of several statistics."""
-    return largest(*(one - other for one, other in permutations(statistics, 2)))
+    return largest(*(first - second for first, second in permutations(statistics, 2)))
 
 
 def log2(statistic: Statistic) -> Statistic:
