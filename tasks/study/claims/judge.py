@@ -47,8 +47,8 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     """
     if "recorded" in config:
         return (ON_RECORDINGS,)
-    scenes = {scene for series in scores.series() for scene in scores.scenes(series)}
-    if scenes and scenes <= set(PRINTS) and is_of_slider(config):
+    scenes = scores.scenes()
+    if scenes and {*scenes} <= {*PRINTS} and is_of_slider(config):
         return (ON_THE_SLIDER,)
     return CLAIMS if scores.asks_as_paper else TRAINING_CLAIMS
 

@@ -161,9 +161,10 @@ class Scores:
         """Return all series except the do-nothing baselines, in the order of the rows."""
         return [series for series in self._rows if series.method != TASKS[series.task].baseline]
 
-    def scenes(self, series: Series) -> list[str]:
-        """Return the scenes of a series, in the order of the rows."""
-        return list(dict.fromkeys(where.scene for where in self.conditions(series)))
+    def scenes(self, *series: Series) -> list[str]:
+        """Return the scenes of some series, by default all but the baselines, in their order."""
+        every = series or self.series()
+        return list(dict.fromkeys(where.scene for of in every for where in self.conditions(of)))
 
     def sensors(self, series: Series, scene: str | None = None) -> list[SensorId]:
         """Return the sensors of a series, by width, then name.
