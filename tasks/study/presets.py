@@ -18,6 +18,10 @@ _FLOW = "photometric_flow", "photometric_flow_with_delay", "contrast_maximizatio
 _TRACKING = "photometric_tracking", "photometric_tracking_with_delay", "initial_path"
 _VIDEO = "high_pass_filter", "high_pass_filter_no_event_decay", "blank"
 
+_UPSAMPLINGS = "event_integration", "event_integration_bilinear", "event_integration_nearest"
+_SEARCHES = "photometric_flow_unknown_contrast", "photometric_flow_by_descent"
+_CONTRAST = "contrast_maximization", "contrast_maximization_by_plain_variance"
+
 PRESETS = {
     "quick": Study(
         name="quick",
@@ -43,10 +47,7 @@ PRESETS = {
                 sigmas_mm=(20.0,),  # from 50 mm on most searches fail, slowly
                 max_events=50_000,
             ),
-            video=Video(
-                methods=_VIDEO,
-                scenes=("carpet",),
-            ),
+            video=Video(methods=_VIDEO, scenes=("carpet",)),
         ),
     ),
     "slider": Study(
@@ -64,10 +65,7 @@ PRESETS = {
             warm_up_s=6 * 3 / (2 * math.pi * 51),  # of the slowest sensor at the highest speed
         ),
         evaluate=Evaluate(
-            flow=Flow(
-                methods=_FLOW,
-                native_patch=True,
-            ),
+            flow=Flow(methods=_FLOW, native_patch=True),
             tracking=Tracking(
                 methods=_TRACKING,
                 # 2.5 mm at 24 cm is about the same angle as 20 mm at 1.8 m in "paper".
@@ -75,12 +73,7 @@ PRESETS = {
                 max_events=50_000,
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
             ),
-            video=Video(
-                methods=_VIDEO,
-                duration_s=1.2,
-                run_in_s=0.6,
-                every_s=0.03,
-            ),
+            video=Video(methods=_VIDEO, duration_s=1.2, run_in_s=0.6, every_s=0.03),
         ),
     ),
     # Choices that the paper leaves open or makes differently; claims print their numbers as well.
@@ -89,27 +82,11 @@ PRESETS = {
         scenes=("carpet", "rocks", "room"),
         render=Render(spp=4, max_displacement_px=1.0, samples=6),
         evaluate=Evaluate(
-            reconstruction=Reconstruction(
-                methods=(
-                    "event_integration",
-                    "event_integration_bilinear",
-                    "event_integration_nearest",
-                    "no_events",
-                )
-            ),
+            reconstruction=Reconstruction(methods=(*_UPSAMPLINGS, "no_events")),
             flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_unknown_contrast",
-                    "photometric_flow_by_descent",
-                    "initial_flow",
-                ),
+                methods=("photometric_flow", *_SEARCHES, "initial_flow"),
                 features=10,
-                fast_methods=(
-                    "contrast_maximization",
-                    "contrast_maximization_by_plain_variance",
-                    "initial_flow",
-                ),
+                fast_methods=(*_CONTRAST, "initial_flow"),
                 fast_scenes=("carpet",),
             ),
             tracking=Tracking(sigmas_mm=(20.0, 200.0), max_events=20_000),

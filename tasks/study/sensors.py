@@ -46,6 +46,10 @@ def own_of(camera: EventCamera) -> tuple[str, ...]:
     return tuple(name for name, holds in own.items() if holds)
 
 
+AREA = "area^"
+"""Before the exponent in the name of a camera of `with_area_exponents`."""
+
+
 def with_area_exponents(
     cameras: Iterable[EventCamera], exponents: Sequence[float]
 ) -> tuple[EventCamera, ...]:
@@ -60,10 +64,6 @@ def with_area_exponents(
         else:
             every.append(camera)
     return tuple(every)
-
-
-AREA = "area^"
-"""Before the exponent in the name of a camera of `with_area_exponents`."""
 
 
 def read_camera_of(entry: Any, where: str, folder: Path) -> EventCamera:

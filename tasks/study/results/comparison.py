@@ -231,8 +231,8 @@ def _ours(series: Series, entry: Entry, line: Line) -> str:
 
 
 def _native(series: Series, entry: Entry, line: Line) -> str:
-    native = native_px(entry.cell.median, line, series)
-    return "" if line.sensor is None else _number(series, native)
+    value = native_px(entry.cell.median, line, series)
+    return "" if line.sensor is None else _number(series, value)
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:

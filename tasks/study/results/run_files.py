@@ -71,31 +71,24 @@ def _check_joined(
     config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
 ) -> None:
     """Refuse to join a run with another one that does not differ in weights, or in more."""
-    same_jobs = config.get("jobs") == of_other.get("jobs")
-    if same_jobs or _weights(config) == _weights(of_other):
+    weights, settings = _divided(config)
+    other_weights, other_settings = _divided(of_other)
+    if config.get("jobs") == of_other.get("jobs") or weights == other_weights:
         raise ResultError(
             f"{file}: same weights as {other}; runs that are joined differ in their weights"
         )
-    for name, here, expected in differences(_without_weights(config), _without_weights(of_other)):
+    for name, here, expected in differences(settings, other_settings):
         raise ResultError(
             f"{file}: {name}: found {here!r}, but {expected!r} in {other}; runs that are joined "
             "may differ only in the weights of networks"
         )
 
 
-def _weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the weights of each task that a run was given."""
-    tasks = config.get("evaluate", {})
-    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
-
-
-def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return what decides a run's rows, except for weights."""
-    evaluate = {
-        name: {k: v for k, v in value.items() if k != "weights"}
-        if isinstance(value, dict)
-        else value
-        for name, value in config.get("evaluate", {}).items()
-    }
-    left_out = "name", "question", "jobs", "evaluate"
-    return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
+def _divided(config: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the weights of each task of a run, and what else decides its rows."""
+    evaluate = config.get("evaluate", {})
+    tasks = {name: {**task} for name, task in evaluate.items() if isinstance(task, dict)}
+    weights = {name: task.pop("weights", None) for name, task in tasks.items()}
+    left_out = "name", "question", "jobs"
+    settings = {name: value for name, value in config.items() if name not in left_out}
+    return weights, settings | {"evaluate": evaluate | tasks}

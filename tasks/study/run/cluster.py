@@ -47,13 +47,13 @@ class Cluster:
         return max(1, self.worker_count())
 
     def environment(self) -> dict[str, str]:
-        """As `Scheduler.environment`: empty, as workers come and go."""
+        """Return no machine, as workers come and go."""
         return {}
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """As `Scheduler.compute`."""
+        """Yield every job with its result, in any order; else as `ThisProcess.compute`."""
         from distributed import as_completed
 
         lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}

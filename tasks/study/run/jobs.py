@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -165,16 +165,24 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: no method suits {scene.name}; add one that does")
-    for stretches in planned:
-        render, simulate, _ = _on(stretches, study)
+    on = {stretches: _on(stretches, study) for stretches in planned}
+    for stretches, (render, simulate, _) in on.items():
         rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
         rules.check_buses(simulate, render)
-    rules.check_warm_up([_on(at, study) for at in planned if not at.continuous_s], scene)
-    return [
-        job
-        for stretches in sorted(planned)
-        for job in _jobs_on(stretches, planned[stretches], study, scene, path.duration_s, scale)
-    ]
+    rules.check_warm_up([on[at] for at in planned if not at.continuous_s], scene)
+    jobs = []
+    for stretches in sorted(planned):
+        tasks, (render, simulate, before_s) = planned[stretches], on[stretches]
+        if stretches.continuous_s:
+            spread = [_continuous_clip(scene, *stretches.continuous_s)]
+        else:
+            spread = _spread_clips(render, scene, simulate, before_s)
+        if isinstance(tracking := tasks.get("tracking"), Tracking):
+            place = _place_of_speeds(simulate, stretches)
+            left_s = path.duration_s - max(clip.t_window_start_s for clip in spread)
+            rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
+        jobs += [Job(scene, clip, study.render, simulate, tasks, scale) for clip in spread]
+    return jobs
 
 
 def distance_m_of(scene: Scene, path: Trajectory) -> float | None:
@@ -219,42 +227,21 @@ def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
     return render, simulate, before_s
 
 
-def _jobs_on(
-    stretches: Stretches,
-    tasks: Mapping[str, TaskSettings],
-    study: Study,
-    scene: Scene,
-    path_s: float,
-    scale: float,
-) -> Iterator[Job]:
-    """Yield the jobs on some stretches of a path of `path_s` seconds, enlarged by `scale`.
-
-    The warm-up is longer at a higher speed.
-    """
-    render, simulate, before_s = _on(stretches, study)
-    if stretches.continuous_s:
-        run_in_s, duration_s = stretches.continuous_s
-        if duration_s > scene.duration_s:
-            raise StudyError(
-                f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
-                f"{scene.name}, {scene.duration_s:g} s long"
-            )
-        spread = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
-    else:
-        spread = _spread_clips(render, scene, simulate, before_s)
-    if isinstance(tracking := tasks.get("tracking"), Tracking):
-        place = _place_of_speeds(simulate, stretches)
-        left_s = path_s - max(clip.t_window_start_s for clip in spread)
-        rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
-    for clip in spread:
-        yield Job(scene, clip, study.render, simulate, tasks, scale)
-
-
 def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
     """Return the name of the field with the speeds of some stretches."""
     if stretches.speeds:
         return "evaluate.flow.fast_speed"
     return f"simulate.{'speeds' if simulate.speeds_m_s is None else 'speeds_m_s'}"
+
+
+def _continuous_clip(scene: Scene, run_in_s: float, duration_s: float) -> Clip:
+    """Return one stretch from the start of the path, scored after its run-in."""
+    if duration_s > scene.duration_s:
+        raise StudyError(
+            f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
+            f"{scene.name}, {scene.duration_s:g} s long"
+        )
+    return replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)
 
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:

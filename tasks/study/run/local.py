@@ -23,13 +23,19 @@ class ThisProcess:
         return cores()
 
     def environment(self) -> dict[str, str]:
-        """As `Scheduler.environment`."""
+        """Return what is known about the machine, as `tasks.provenance.environment` does."""
         return environment(select_variant())
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """As `Scheduler.compute`."""
+        """Yield every job with its result, as soon as it is done.
+
+        Parameters
+        ----------
+        on_progress
+            Called with a text, and the estimated core seconds of what is done and of all jobs.
+        """
         tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
         estimates = [estimate_job(queued.job) for queued in jobs]
         total_s = sum(estimate.core_s for estimate in estimates)

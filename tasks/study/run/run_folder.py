@@ -89,7 +89,7 @@ class RunFolder:
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
         self._write("environment.json", self._environment)
-        write_rows(_rows_file(self._folder / "parts", queued.key), computed.rows)
+        write_rows(self._folder / "parts" / f"{queued.key}.parquet", computed.rows)
         self._rows_of[queued.key] = computed.rows
         self._has_other_rows = True
 
@@ -144,15 +144,11 @@ def _json(value: Any) -> bytes:
     return json.dumps(value, indent=1).encode()
 
 
-def _rows_file(folder: Path, key: str) -> Path:
-    return folder / f"{key}.parquet"
-
-
 def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
     """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
     for key, job in work.items():
-        file = _rows_file(folder, key)
+        file = folder / f"{key}.parquet"
         if not file.exists():
             continue
         try:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
 from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import (
-    Job,
     QueuedJob,
     check_weights,
     distance_m_of,
@@ -107,11 +107,12 @@ def run_study(
             # A mistake in the user's own methods shows at once, not hours later.
             _log.info("trying your own methods on one sample first")
             trying = [QueuedJob(job, job.key, False) for job in new]
-            for _ in computing.compute(trying, _Counted(on_progress, [], len(new))):
+            for _ in computing.compute(trying, _Counted(on_progress, len(new))):
                 pass  # the study does not keep these scores
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
-        counted = _Counted(on_progress, finished, len(to_do))
+        finished_s = sum(estimate_job(job).core_s for job in finished)
+        counted = _Counted(on_progress, len(work), len(finished), finished_s)
         try:
             with locked(out / ".lock", wait=False):
                 clear_unfinished(out)
@@ -119,7 +120,7 @@ def run_study(
                 for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
-                    counted.one_is_finished()
+                    counted.done += 1
                     if nth and here:  # the first one compiles; workers may share their cores
                         add_job(here, estimate_job(queued.job), computed.timings)
         except LockedError:
@@ -159,6 +160,7 @@ def _scenes(study: Study) -> list[Scene]:
     return scenes
 
 
+@dataclass(slots=True)
 class _Counted:
     """Progress among all jobs of a run, of which earlier starts finished some.
 
@@ -166,21 +168,17 @@ class _Counted:
     ----------
     on_progress
         Called with the number of finished jobs before each text.
-    finished
-        Jobs that were done before.
-    to_do
-        Number of the others; `one_is_finished` counts them.
+    total, done
+        Number of all jobs and of the finished ones.
+    before_s
+        Estimated core seconds of the jobs that earlier starts finished.
     """
 
-    def __init__(self, on_progress: Progress, finished: Sequence[Job], to_do: int) -> None:
-        self._on_progress = on_progress
-        self._before_s = sum(estimate_job(job).core_s for job in finished)
-        self._done, self._total = len(finished), len(finished) + to_do
-
-    def one_is_finished(self) -> None:
-        """Count a job."""
-        self._done += 1
+    on_progress: Progress
+    total: int
+    done: int = 0
+    before_s: float = 0.0
 
     def __call__(self, stage: str, done: float, total: float, /) -> None:
-        text = f"{self._done}/{self._total} jobs: {stage}"
-        self._on_progress(text, self._before_s + done, self._before_s + total)
+        text = f"{self.done}/{self.total} jobs: {stage}"
+        self.on_progress(text, self.before_s + done, self.before_s + total)
