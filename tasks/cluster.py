@@ -33,9 +33,7 @@ def connected(address: str) -> Iterator[Client]:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
-            raise TaskError(
-                f"--scheduler: found no Dask scheduler at {address}: {reason}"
-            ) from None
+            raise TaskError(f"--scheduler: no Dask scheduler at {address}: {reason}") from None
         with client:
             yield client
 

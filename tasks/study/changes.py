@@ -45,9 +45,7 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
     paths = {name: given[_place(name)] for name in chosen if _place(name) in given}
     if trajectory is not None:
         if len(chosen) > 1:
-            raise StudyError(
-                f"trajectory: {len(chosen)} scenes cannot share one path; give one scene"
-            )
+            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share one path")
         paths = {chosen[0]: str(trajectory)}
     return replace(study, scenes=chosen, trajectories=paths or None)
 

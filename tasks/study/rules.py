@@ -95,11 +95,9 @@ def _check_lists(study: Study) -> None:
         if values is not None and not 0 < len(values) == len(set(values)):
             expected = "each of them once" if values else "one or more"
             raise StudyError(f"{place}: found {values or 'none'}, expected {expected}")
-    for scene in study.trajectories or {}:
-        if scene not in study.scenes:
-            raise StudyError(
-                f"trajectories: {scene!r} is not in scenes; {suggestion(scene, study.scenes)}"
-            )
+    for name in study.trajectories or {}:
+        if name not in study.scenes:
+            raise StudyError(f"trajectories: no scene {name!r}; {suggestion(name, study.scenes)}")
 
 
 def _check_needs(study: Study) -> None:
@@ -209,9 +207,7 @@ def check_scenes(study: Study, scenes: Sequence[Scene]) -> None:
                 )
     reserved = Path(INDEX_NAME).stem
     if reserved in names:
-        raise StudyError(
-            f"scenes: {reserved!r} is the name of the list of previews; rename the folder or file"
-        )
+        raise StudyError(f"scenes: {reserved!r} is reserved for previews; rename the scene")
     for task, stretches, _ in plans(study):
         for name in stretches.scenes:
             if name not in (*names, *list_scenes()):  # a preset's scene may not be in a run
@@ -314,9 +310,7 @@ def check_warm_up(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
     reason = f"warm_up_s = {simulate.warm_up_s:g}"
     remedies = []
     if simulate.longest_warm_up_s > simulate.warm_up_s:
-        camera, light, model = max(
-            simulate.models(), key=lambda each: each[0].warm_up / each[2].cutoff_hz
-        )
+        camera, light, model = max(simulate.models(), key=lambda m: m[0].warm_up / m[2].cutoff_hz)
         name = f" of {camera.name!r}" if camera.name else ""
         reason = (
             f"{camera.warm_up:g} time constants of {model.cutoff_hz:g} Hz{name} at "
@@ -356,10 +350,9 @@ def check_path(render: Render, scene: Scene) -> None:
     """Refuse a path without room for a sample."""
     most_s = _most_s(render, scene)
     if render.every_s > most_s * (1 + 1e-9):
-        shorter = "shorten window_s or tracking_window_s"
-        remedy = (
-            shorter if most_s <= 0 else f"every_s can be at most {_rounded(most_s, math.floor)}"
-        )
+        remedy = "shorten window_s or tracking_window_s"
+        if most_s > 0:
+            remedy = f"every_s can be at most {_rounded(most_s, math.floor)}"
         raise StudyError(
             f"render.every_s: no sample fits the path of {scene.name}, {scene.duration_s:g} s "
             f"long, with every_s = {render.every_s:g} and a window of {render.window_s:g} s; "

@@ -235,7 +235,7 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
 def test_a_scene_may_not_have_the_name_of_the_list_of_pictures(scene_folder, tmp_path):
     shutil.copytree(scene_folder, tmp_path / "index")
     study = replace(tiny_study(scene_folder), scenes=(str(tmp_path / "index"),))
-    with pytest.raises(StudyError, match=r"scenes: 'index' is the name"):
+    with pytest.raises(StudyError, match=r"scenes: 'index' is reserved"):
         run_study(study, tmp_path / "run")
 
 

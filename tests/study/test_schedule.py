@@ -441,7 +441,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
 @pytest.mark.parametrize(
     ("address", "text"),
     [
-        ("tcp://127.0.0.1:9", "found no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
+        ("tcp://127.0.0.1:9", "no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
         ("localhost", "found 'localhost', expected tcp://HOST:PORT"),
     ],
 )

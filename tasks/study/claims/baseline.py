@@ -28,9 +28,7 @@ class BaselineClaim(Claim):
         """Count the cells in which each method is better."""
         shown = [series for series in shown_series(scores) if series.is_method]
         by_series = {series: _outcomes(scores, series) for series in shown}
-        counts = [
-            scores.samples(series, scene) for series in shown for scene in scores.scenes(series)
-        ]
+        counts = [scores.samples(s, scene) for s in shown for scene in scores.scenes(s)]
         scope = scope_text(samples=min(counts, default=None))
         outcomes = [outcome for of_series in by_series.values() for outcome in of_series.values()]
         ours = "\n".join(_text(*item) for item in by_series.items()) or "no rows of any method"

@@ -40,9 +40,7 @@ _photometric = partial(SceneClaim, series=PHOTOMETRIC)
 _contrast = partial(SceneClaim, series=CONTRAST, scenes=("carpet",))
 
 # The paper's search is first order and does not know C.
-_SEARCHES = tuple(
-    {"method": f"photometric_flow_{name}"} for name in ("unknown_contrast", "by_descent")
-)
+_SEARCHES = tuple({"method": f"photometric_flow_{n}"} for n in ("unknown_contrast", "by_descent"))
 _FAST = 10.0  # factor of the paper's 9 m/s on carpet
 UP_TO_2 = [(IDEAL, 1.0), *((cutoff_hz, speed) for cutoff_hz in (DAY, NIGHT) for speed in SPEEDS)]
 

@@ -30,10 +30,8 @@ class TrackingClaim(SceneClaim):
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
         """Return the judged perturbation; if there is none, say how often each one succeeds."""
-        rates = {
-            series: share_text(ideal_success(scores, series))
-            for series in sweep(scores, TRACKING.method)
-        }
+        sigmas = sweep(scores, TRACKING.method)
+        rates = {series: share_text(ideal_success(scores, series)) for series in sigmas}
         if not rates:
             return None, f"no rows of {TRACKING.name}"
         series = judged_series(scores)

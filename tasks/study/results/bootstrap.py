@@ -39,11 +39,9 @@ def resampled_medians(
         One median per draw.
     """
     order = np.argsort(values, kind="stable")
-    of_samples = _counts(seed, int(sample.max()) + 1)
+    counts = _counts(seed, int(sample.max()) + 1)
     of_trainings = _counts("trainings", int(training.max()) + 1)
-    return _weighted_medians(
-        values[order], sample[order], training[order], of_samples, of_trainings
-    )
+    return _weighted_medians(values[order], sample[order], training[order], counts, of_trainings)
 
 
 def effective_samples(values: NDArray[np.float64]) -> float:

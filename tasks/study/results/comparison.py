@@ -118,10 +118,8 @@ class ComparisonTable:
         share = TASKS[self.series.task].share_column
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
-            columns += [Column("paper", "paper", lambda s, entry, _: _number(s, entry.paper))]
-            columns += [
-                Column("Δ", "difference", lambda s, entry, _: _number(s, entry.difference, "+"))
-            ]
+            columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
+            columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
         if TASKS[self.series.task].metric.reference_width_px is not None:
             columns.append(Column(_NATIVE, "rate", _native, in_terminal=False))
         if share is not None:

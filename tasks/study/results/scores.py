@@ -294,9 +294,7 @@ def _check_known(row: Row) -> None:
     metrics = {task: spec.metric.name for task, spec in TASKS.items()}
     if metrics.get(row.task) != row.metric:
         known = ", ".join(f"{task} {metric}" for task, metric in sorted(metrics.items()))
-        raise ResultError(
-            f"unknown task {row.task!r} with metric {row.metric!r}; known are {known}"
-        )
+        raise ResultError(f"unknown task {row.task!r} with metric {row.metric!r}; known: {known}")
 
 
 @cache

@@ -50,16 +50,11 @@ class ThisProcess:
         on_progress("done", total_s, total_s)
 
 
-def _within(
-    on_progress: Progress, estimate: JobEstimate, before_s: float, total_s: float
-) -> Progress:
+def _within(on_progress: Progress, job: JobEstimate, before_s: float, total_s: float) -> Progress:
     """Return what reports the stages of a job among all jobs."""
-    stages = {
-        "simulating": (0.0, estimate.frames_s),
-        "scoring": (estimate.frames_s, estimate.samples_s),
-    }
+    stages = {"simulating": (0.0, job.frames_s), "scoring": (job.frames_s, job.samples_s)}
     reached_s = before_s  # sensors of another shape go through the stages again
-    end_s = before_s + estimate.core_s  # rounded as where the next job begins
+    end_s = before_s + job.core_s  # rounded as where the next job begins
 
     def on_job(stage: str, done: float, of: float, /) -> None:
         nonlocal reached_s

@@ -58,16 +58,12 @@ class RunFolder:
 
     def to_do(self) -> list[QueuedJob]:
         """Return the jobs that the folder lacks, and those whose highlights it lacks."""
-        queue = [
-            QueuedJob(job, key, key == self._first[job.scene.name])
-            for key, job in self._jobs.items()
-        ]
-        return [
-            queued
-            for queued in queue
-            if queued.key not in self._rows_of
-            or (queued.with_highlights and not self._has_highlights(queued.job))
-        ]
+        queue = []
+        for key, job in self._jobs.items():
+            is_first = key == self._first[job.scene.name]
+            if key not in self._rows_of or (is_first and not self._has_highlights(job)):
+                queue.append(QueuedJob(job, key, is_first))
+        return queue
 
     def check(self, environment: Mapping[str, str]) -> None:
         """Check that Mitsuba and the device are those of the finished jobs."""

@@ -31,9 +31,7 @@ def compare_thresholds(
     ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
     first, metric = found[0], TASKS[series.task].metric
     speed, sensors = base_speed(first, series), first.sensors(series)
-    heads = [
-        Text(f"C = {s.contrast_threshold:g}", "this page" if s is first else "") for s in ascending
-    ]
+    heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
     comparisons = {}
     for scene in first.scenes(series):
         panels: list[Panel] = []
