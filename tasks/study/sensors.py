@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,23 +46,7 @@ def own_of(camera: EventCamera) -> tuple[str, ...]:
 
 
 AREA = "area^"
-"""Before the exponent in the name of a camera of `with_area_exponents`."""
-
-
-def with_area_exponents(
-    cameras: Iterable[EventCamera], exponents: Sequence[float]
-) -> tuple[EventCamera, ...]:
-    """Return cameras whose cutoff is lent once for each exponent of the area, the others as is."""
-    every: list[EventCamera] = []
-    for camera in cameras:
-        if camera.borrows_cutoff and camera.area_um2 is not None:
-            every += [
-                replace(camera, name=f"{camera.name} {AREA}{power:g}", area_exponent=power)
-                for power in exponents
-            ]
-        else:
-            every.append(camera)
-    return tuple(every)
+"""Before the exponent in the name of a camera with an exponent of `area_exponents`."""
 
 
 def read_camera_of(entry: Any, where: str, folder: Path) -> EventCamera:

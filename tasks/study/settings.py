@@ -18,7 +18,7 @@ from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
-from tasks.study.sensors import StudyLight, light_at, own_of, with_area_exponents
+from tasks.study.sensors import AREA, StudyLight, light_at, own_of
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
@@ -186,10 +186,15 @@ class Simulate:
 
     @property
     def cameras(self) -> tuple[EventCamera, ...]:
-        """The named cameras, one for each exponent of the area."""
-        if self.area_exponents is None:
-            return self.sensors
-        return with_area_exponents(self.sensors, self.area_exponents)
+        """The named cameras, those that borrow their cutoff once for each exponent of the area."""
+        every: list[EventCamera] = []
+        for camera in self.sensors:
+            if camera.borrows_cutoff and camera.area_um2 is not None and self.area_exponents:
+                names = {power: f"{camera.name} {AREA}{power:g}" for power in self.area_exponents}
+                every += [replace(camera, name=n, area_exponent=p) for p, n in names.items()]
+            else:
+                every.append(camera)
+        return tuple(every)
 
     def readout(self, camera: EventCamera) -> Readout | None:
         """Return the bus of a camera, or that of the study; None for no bus."""

@@ -82,13 +82,13 @@ def _placed(scene: Any, file: Path) -> Any:
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
     table = dict(given)
-    new = [name for name in table if name != "photoreceptor"]
+    new = [name for name in table if name != _OLD]
     check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
     for name, other in _ONE_OF:
         if name in table and other in table:
             raise StudyError(f"{file}: simulate: found both {name} and {other}; leave out one")
-    if "photoreceptor" in table:  # the field of older versions
-        table["photoreceptors"] = [table.pop("photoreceptor")]
+    if _OLD in table:
+        table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:
         table["bus_mev_s"] = _bus_mev_s(table.pop("bus"), file)
     if "sensors" not in table:
@@ -103,10 +103,11 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     return table
 
 
+_OLD = "photoreceptor"  # the field of older versions
 _ONE_OF = (
     ("cutoffs_hz", "illuminance_lux"),
     ("speeds", "speeds_m_s"),
-    ("photoreceptor", "photoreceptors"),
+    (_OLD, "photoreceptors"),
     ("bus", "bus_mev_s"),
 )
 

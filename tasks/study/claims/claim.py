@@ -192,11 +192,10 @@ class SceneClaim(Claim):
         complete = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
         if len(complete) < 2:
             return []
-        try:
+        with suppress(NotMeasured):
             mean = number.text_of(estimated(number.statistic, *complete), complete[0].metric)
-        except NotMeasured:
-            return []
-        return [f"mean of {len(complete)} scenes: {mean}"]
+            return [f"mean of {len(complete)} scenes: {mean}"]
+        return []
 
     def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:
         """Name the scenes if some are missing, and the samples if they are few."""

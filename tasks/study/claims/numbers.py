@@ -129,15 +129,12 @@ def _of_parts(
     else:
         pick, tails = max, (low / len(statistic.parts), high)
     parts = [_of_parts(part, scenes, sign, tails) for part in statistic.parts]
+    extreme = pick(parts, key=lambda part: part.value)
     lows = [part.low for part in parts if part.low is not None]
     highs = [part.high for part in parts if part.high is not None]
-    extreme = pick(parts, key=lambda part: part.value)
-    return Interval(
-        extreme.value,
-        pick(lows) if len(lows) == len(parts) else None,
-        pick(highs) if len(highs) == len(parts) else None,
-        extreme.effective_samples,
-    )
+    if not lows:  # too few samples, in all parts
+        return extreme
+    return Interval(extreme.value, pick(lows), pick(highs), extreme.effective_samples)
 
 
 class NumberText(NamedTuple):

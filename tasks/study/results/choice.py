@@ -33,11 +33,11 @@ class Pick:
     best: SensorId
     enough: SensorId
     worthwhile: bool
-    gaining: frozenset[SensorId]
+    gaining: frozenset[SensorId]  # those that beat doing nothing
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class Choice(Pick):
     """Best sensor under one condition, and the smallest that is as good.
 
     Attributes
@@ -54,9 +54,6 @@ class Choice:
     """
 
     event_rates_hz: Mapping[SensorId, float]
-    best: SensorId
-    enough: SensorId
-    worthwhile: bool
     tied: SensorId | None
     on_buses: Mapping[float, SensorId | None]
     paper: SensorId | None
@@ -101,15 +98,10 @@ def choose(
     smaller = [s for s in cells if s.width < picked.enough.width and s in picked.gaining]
     if best.samples < MIN_SAMPLES_FOR_INTERVAL:
         smaller = []
-    return Choice(
-        event_rates_hz=rates,
-        best=picked.best,
-        enough=picked.enough,
-        worthwhile=picked.worthwhile,
-        tied=next((s for s in smaller if _tied(best, cells[s], metric.sign)), None),
-        on_buses=on_buses,
-        paper=pick(printed, {}, metric).enough if len(printed) == len(medians) else None,
-    )
+    tied = next((s for s in smaller if _tied(best, cells[s], metric.sign)), None)
+    paper = pick(printed, {}, metric).enough if len(printed) == len(medians) else None
+    rule = picked.best, picked.enough, picked.worthwhile, picked.gaining
+    return Choice(*rule, rates, tied, on_buses, paper)
 
 
 def known(values: Mapping[SensorId, float | None]) -> dict[SensorId, float]:

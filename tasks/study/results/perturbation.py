@@ -24,13 +24,10 @@ REQUIRED_SUCCESS = 0.8
 
 def sweep(scores: Scores, method: str) -> list[Series]:
     """Return the series of a tracking method by ascending perturbation."""
-    by_sigma = [
-        (sigma, series)
-        for series in scores.series()
-        if series[:3] == TRACKING._replace(method=method)[:3]
-        and (sigma := sigma_mm(series.variant)) is not None
-    ]
-    return [series for _, series in sorted(by_sigma)]
+    usual = TRACKING._replace(method=method)
+    every = [series for series in scores.series() if series[:3] == usual[:3]]
+    sigmas = {s: sigma for s in every if (sigma := sigma_mm(s.variant)) is not None}
+    return sorted(sigmas, key=sigmas.__getitem__)
 
 
 def ideal_success(scores: Scores, series: Series) -> float | None:

@@ -134,13 +134,8 @@ class Scores:
             self.dropped[sensor] = max(row.dropped, self.dropped[sensor])
         self._rows = _grouped(rows)
         lights = {where.cutoff_hz for conditions in self._rows.values() for where in conditions}
-        papers = {SensorId(width) for width in WIDTHS}
-        self.asks_as_paper = (
-            square
-            and not self.buses_hz
-            and self.contrast_thresholds.keys() <= papers
-            and lights <= {*CUTOFFS_HZ}
-        )
+        plain = square and not self.buses_hz and lights <= {*CUTOFFS_HZ}
+        self.asks_as_paper = plain and self.contrast_thresholds.keys() <= {*map(SensorId, WIDTHS)}
         self._expected = self._expected_items()
         self._cells: dict[tuple[Series, Condition], Cell] = {}
         self._baselines: dict[tuple[Series, Condition], Cell] = {}

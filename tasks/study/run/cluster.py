@@ -74,14 +74,9 @@ class Cluster:
             on_progress(f"workers: {workers}", shown_s, total_s)
 
     def _submit(self, queued: QueuedJob, length_s: float) -> Future:
-        return self._client.submit(
-            _entry(),
-            _order(queued),
-            _versions(),
-            key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
-            priority=length_s,
-            retries=_RETRIES,
-        )
+        order = _entry(), _order(queued), _versions()
+        key = f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}"
+        return self._client.submit(*order, key=key, priority=length_s, retries=_RETRIES)
 
 
 def _order(queued: QueuedJob) -> bytes:

@@ -309,11 +309,5 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
     window_s = clip.t_window_end_s - clip.t_window_start_s
     names = {task: tuple(name for at, name in methods if at == task) for task, _ in methods}
-    return replace(
-        job,
-        clip=clip,
-        simulate=job.simulate.first(job.render),
-        evaluate={
-            task: study.evaluate[task].trial(of_task, window_s) for task, of_task in names.items()
-        },
-    )
+    evaluate = {task: study.evaluate[task].trial(own, window_s) for task, own in names.items()}
+    return replace(job, clip=clip, simulate=job.simulate.first(job.render), evaluate=evaluate)

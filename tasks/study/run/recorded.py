@@ -16,9 +16,7 @@ from tasks.provenance import command, environment
 def check_recorded(out: Path) -> None:
     """Refuse to write into the folder of a rendered study."""
     file = out / "study.json"
-    if not file.exists():
-        return
-    if "recorded" not in read_json(dict[str, Any], file, StudyError):
+    if file.exists() and "recorded" not in read_json(dict[str, Any], file, StudyError):
         raise StudyError(f"{file}: is of a rendered study, not of recordings; choose another --out")
 
 

@@ -86,7 +86,9 @@ def run_study(
     """
     out = Path(out)
     with open_scheduler(scheduler) as computing:
-        _check_methods(study)
+        sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
+        speeds = study.simulate.speeds_m_s or study.simulate.speeds
+        check_methods(study.evaluate, sizes * len(speeds))
         scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
@@ -126,13 +128,6 @@ def run_study(
         except LockedError:
             raise StudyError(f"{out}: another process is computing this run; wait for it") from None
     return folder.finish(resolved)
-
-
-def _check_methods(study: Study) -> None:
-    """Refuse methods that do not exist, or whose networks do not fit the sensors."""
-    sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
-    speeds = study.simulate.speeds_m_s or study.simulate.speeds
-    check_methods(study.evaluate, sizes * len(speeds))
 
 
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:

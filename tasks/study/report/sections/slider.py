@@ -123,16 +123,13 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     for series, paper in pairs:
         rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in _FACTORS]}
         for hz in scores.cutoffs_hz(series):
-            rows[Text(light_label(hz))] = [
-                _share(
-                    series,
-                    [
-                        [scores.cell(series, Condition(s, w, hz, factor)).median for w in _WIDTHS]
-                        for s in PRINTS
-                    ],
-                )
-                for factor in _FACTORS.values()
-            ]
+            rows[Text(light_label(hz))] = []
+            for speed in _FACTORS.values():
+                places = [[Condition(s, w, hz, speed) for w in _WIDTHS] for s in PRINTS]
+                medians = [
+                    [scores.cell(series, at).median for at in of_print] for of_print in places
+                ]
+                rows[Text(light_label(hz))].append(_share(series, medians))
         blocks[Text(series.title)] = rows
     heads = [Text(""), *(Text(f"{speed:g} m/s") for speed in SPEEDS_M_PER_S)]
     return Table("On how many prints the full size is best", heads, blocks)
