@@ -132,7 +132,9 @@ class SceneClaim(Claim):
         readings, lines = self._read(scores, series, scaling)
         outcomes = [reading.status for reading in readings.values()]
         if status_of(outcomes) is not unmeasured:
-            judged = [scene for scene, one in readings.items() if one.status is not unmeasured]
+            judged = [
+                scene for scene, reading in readings.items() if reading.status is not unmeasured
+            ]
             scope = f"{scope} {self._scope(scores, series, judged)}".strip()
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""

@@ -40,9 +40,9 @@ for _module in (
     *(asked, comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {
-        name: one
-        for name, one in vars(_module).items()
-        if isfunction(one) and one.__module__ == _module.__name__
+        name: value
+        for name, value in vars(_module).items()
+        if isfunction(value) and value.__module__ == _module.__name__
     }
 TEMPLATES.filters["asdict"] = asdict
 TEMPLATES.policies["json.dumps_kwargs"] = {"ensure_ascii": False}

@@ -79,7 +79,7 @@ def choose(
         Photoreceptor cutoff, Hz.
     """
     metric = TASKS[series.task].metric
-    sensors = [one for one in scores.sensors(series, scene) if one not in without]
+    sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
     places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
     cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
     medians = known({sensor: cell.median for sensor, cell in cells.items()})

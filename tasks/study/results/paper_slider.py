@@ -74,9 +74,9 @@ class SliderScore(NamedTuple):
 def worse_than_nothing(speed_m_per_s: float) -> int:
     """Return how many of the paper's position errors at a speed are larger than `NOTHING_MM`."""
     return sum(
-        one.value > NOTHING_MM
-        for one in slider_scores()
-        if one.task == "tracking" and one.speed_m_per_s == speed_m_per_s
+        score.value > NOTHING_MM
+        for score in slider_scores()
+        if score.task == "tracking" and score.speed_m_per_s == speed_m_per_s
     )
 
 

@@ -50,23 +50,13 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
         if math.isinf(cutoff_hz):
             continue
         places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in pair]
+        intervals: dict[str, Interval | None] = {}
+        for name, scores in readings.items():
+            ours = [scores.cell(series, at) for at in places]
+            complete = all(cell.complete for cell in ours)
+            intervals[name] = lead_over(ours[0], ours[1], sign) if complete else None
+        choices = {n: choose(s, series, scene, cutoff_hz, speed) for n, s in readings.items()}
         fine, coarse = (first.published(series, at) for at in places)
-        of_each = {name: [s.cell(series, at) for at in places] for name, s in readings.items()}
-        every.append(
-            Lead(
-                scene=scene,
-                cutoff_hz=cutoff_hz,
-                speed=speed,
-                sensors=pair,
-                found={
-                    name: lead_over(one, other, sign) if one.complete and other.complete else None
-                    for name, (one, other) in of_each.items()
-                },
-                choices={
-                    name: choose(scores, series, scene, cutoff_hz, speed)
-                    for name, scores in readings.items()
-                },
-                paper=None if fine is None or coarse is None else sign * (fine - coarse),
-            )
-        )
+        paper = None if fine is None or coarse is None else sign * (fine - coarse)
+        every.append(Lead(scene, cutoff_hz, speed, pair, intervals, choices, paper))
     return every

@@ -19,7 +19,7 @@ Comparison = tuple[Plot, Table, Table]
 
 
 def compare_thresholds(
-    found: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
 ) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
@@ -28,8 +28,8 @@ def compare_thresholds(
     bus_hz
         Capacity of a bus, events/s.
     """
-    ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
-    first, metric = found[0], TASKS[series.task].metric
+    ascending = sorted(thresholds, key=lambda scores: scores.contrast_threshold)
+    first, metric = thresholds[0], TASKS[series.task].metric
     speed, sensors = base_speed(first, series), first.sensors(series)
     heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
     comparisons = {}
