@@ -27,25 +27,25 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
     study
         The study.
     scenes
-        Names, folders or files of scenes; none for those of the study.
+        Names, folders or files of scenes; empty keeps the study's.
     trajectory
-        File of poses, in place of the path of the one scene.
+        File of poses, in place of the scene's own path.
 
     Returns
     -------
-    The study, with the trajectories of these scenes alone.
+    The study, with only the trajectories of these scenes.
 
     Raises
     ------
     StudyError
-        A trajectory is for several scenes.
+        One trajectory is given for several scenes.
     """
     chosen = tuple(scenes) or study.scenes
     given = {_place(name): file for name, file in (study.trajectories or {}).items()}
     paths = {name: given[_place(name)] for name in chosen if _place(name) in given}
     if trajectory is not None:
         if len(chosen) > 1:
-            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share one path")
+            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share a path; choose one")
         paths = {chosen[0]: str(trajectory)}
     return replace(study, scenes=chosen, trajectories=paths or None)
 
@@ -61,7 +61,7 @@ def is_path(scene: str) -> bool:
 
 
 def with_resolution(study: Study, resolution: int) -> Study:
-    """Return a study with frames of another size, and without sensors finer than these.
+    """Return a study with frames of another size, without the sensors that are finer.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def with_resolution(study: Study, resolution: int) -> Study:
     Raises
     ------
     StudyError
-        All its sensors are finer, or the side is not positive.
+        All sensors are finer than the frames, or the side is not positive.
     """
     check_positive("--resolution", resolution, StudyError)
     render, simulate = study.render, study.simulate

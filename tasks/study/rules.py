@@ -101,7 +101,7 @@ def _check_lists(study: Study) -> None:
 
 
 def _check_needs(study: Study) -> None:
-    """Refuse settings that mean nothing without, or with, another."""
+    """Refuse settings that need another setting, or exclude one."""
     simulate = study.simulate
     for name, needed in (("area_exponents", "illuminance_lux"), ("distance_m", "speeds_m_s")):
         if getattr(simulate, name) is not None and getattr(simulate, needed) is None:
@@ -159,7 +159,7 @@ def plans(study: Study) -> Iterator[tuple[str, Stretches, TaskSettings]]:
 
 
 def _check_tasks(study: Study) -> None:
-    """Refuse methods at a speed that all have, and oracles next to another photoreceptor."""
+    """Refuse fast methods at a speed of the study, and oracles beside another photoreceptor."""
     speeds = set() if study.simulate.speeds_m_s else {*study.simulate.speeds}
     for task, stretches, planned in plans(study):
         twice = speeds & {*stretches.speeds}
@@ -252,9 +252,9 @@ def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
     for speed in simulate.speeds:
         if not least <= speed <= most:
             raise StudyError(
-                f"{place}: found {speed:g} times the base speed, at which a window of "
-                f"{1e3 * render.window_s:g} ms lasts {render.window_s / speed:.3g} s, expected "
-                f"{least:.3g} to {most:g}"
+                f"{place}: found {speed:g} times the base speed, expected {least:.3g} to {most:g}: "
+                f"a window of {1e3 * render.window_s:g} ms would last "
+                f"{render.window_s / speed:.3g} s"
             )
 
 
@@ -329,9 +329,9 @@ def check_warm_up(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
         remedies.append(f"every_s = {every_s}")
     earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
     raise StudyError(
-        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, {reason}"
-        f"{earlier}, expected at most {room_s:g} s, half of render.every_s"
-        f"{': ' if remedies else ''}{', or '.join(remedies)}"
+        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window ({reason}"
+        f"{earlier}), but half of render.every_s is {room_s:g} s"
+        f"{'; use ' if remedies else ''}{', or '.join(remedies)}"
     )
 
 

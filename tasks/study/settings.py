@@ -112,29 +112,30 @@ class Simulate:
     dark_fraction
         Dark level as a fraction of the scene's white level.
     warm_up_s
-        Warm-up before a window at least, seconds of the path.
+        Shortest warm-up before a window, seconds of the path.
     warmup_time_constants
-        Warm-up before a window at least, in time constants of a sensor's own filter at its speed.
+        Shortest warm-up before a window, in time constants of the sensor's filter at its speed.
     photoreceptors
         Each is "two_pole", "one_pole" or "v2e" (v2e's limit for small steps), see
         `sensor.SensorModel`. "two_pole" becomes the first, which the report shows in full.
     sensors
-        Cameras, each with a name, in addition to the widths. What they state goes before
+        Cameras, each with a name, in addition to the widths. Their own values override
         `contrast_thresholds`, `photoreceptors`, `dark_fraction`, `warmup_time_constants` and
         `bus_mev_s`.
     area_exponents
-        Exponents of the photodiode's area for cameras whose cutoff is lent: each of them is one
-        more sensor. None for the cameras' own.
+        Exponents of the photodiode's area for cameras that borrow their cutoff. Each exponent makes
+        one sensor of such a camera. None keeps the cameras' own exponents.
     illuminance_lux
         Illuminance of the scene, lux, in place of `cutoffs_hz`, which follow from it.
     speeds_m_s
         Mean speeds of the camera, m/s, in place of `speeds`, which follow from them for each scene.
     distance_m
-        With `speeds_m_s`: median distance of the camera from the plane along its axis, m. Scene and
-        path are enlarged to it, so that images stay. None for the scenes' own distance.
+        Median distance between camera and plane along the optical axis, m; needs `speeds_m_s`.
+        Scene and path are scaled to it, which leaves the images unchanged. None keeps each scene's
+        distance.
     bus_mev_s
-        Capacity of the bus of all sensors without one of their own, million events per second; None
-        for no bus. A sensor's own number of events can wait for it.
+        Capacity of the bus of all sensors that have none of their own, million events per second;
+        None for no bus. Events wait for it in a queue of the sensor's own length.
     same_lens
         Whether all widths are one camera at several distances from a plane that it faces: half the
         width is twice the distance. Images are the same as with larger pixels; poses are not. None
@@ -143,7 +144,7 @@ class Simulate:
     Raises
     ------
     StudyError
-        If `illuminance_lux` and `cutoffs_hz` are both given and contradict each other.
+        `illuminance_lux` and `cutoffs_hz` are both given and contradict each other.
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -172,8 +173,7 @@ class Simulate:
         default = {field.name: field.default for field in fields(self)}["cutoffs_hz"]
         if self.cutoffs_hz not in (cutoffs_hz, default):
             raise StudyError(
-                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux; leave out one of "
-                "them"
+                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux; leave out one"
             )
         object.__setattr__(self, "cutoffs_hz", cutoffs_hz)
 
@@ -326,8 +326,8 @@ class Study:
     Raises
     ------
     StudyError
-        If a list of sensor settings is empty or has a value twice, a sensor is finer than the
-        frames, sensors contradict each other, a distance is given without speeds in m/s or with
+        A list of sensor settings is empty or has a value twice, a sensor is finer than the frames,
+        sensors contradict each other, a distance is given without speeds in m/s or with
         `same_lens`, or a number is out of range.
     """
 

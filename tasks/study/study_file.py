@@ -21,17 +21,17 @@ from tasks.study.settings import Simulate, Study
 def read_study(file: str | Path) -> Study:
     """Read a study.
 
-    The tables and fields are those of `Study`. A field that is left out has its default, but
-    `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a file,
-    or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all sensors
-    get, in place of `bus_mev_s`. `[weights]` maps methods to files with the weights of their
-    networks. All paths are relative to the file.
+    Tables and fields are those of `Study`. Fields that are left out have their defaults, except
+    that `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a
+    file, or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all
+    sensors get, in place of `bus_mev_s`. `[weights]` maps methods to the files with the weights of
+    their networks. All paths are relative to the file.
 
     Raises
     ------
     StudyError
-        If the file is missing or not TOML, or a field is unknown, missing or wrong. The message
-        names file and field.
+        The file is missing or not TOML, or a field is unknown, missing or wrong. The message names
+        file and field.
 
     Examples
     --------

@@ -299,7 +299,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, render=replace(study.render, samples=1))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
-    with pytest.raises(StudyError, match="alpha' and '.*beta' with the same content"):
+    with pytest.raises(StudyError, match=r"alpha' and '.*beta' with the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
     for name in names:
         rows = run_study(replace(study, scenes=(name,)), tmp_path / "run")

@@ -26,8 +26,8 @@ class SceneCell(NamedTuple):
     width: int  # px
     cutoff_hz: float
     speed: float = 1.0  # factor on the base speed
-    method: str = ""  # "" is the method that the claim is about
-    task: str = ""  # task of the method; "" is that of the claim
+    method: str = ""  # "" for the claim's
+    task: str = ""  # task of the method; "" for the claim's
 
 
 PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
@@ -44,9 +44,8 @@ class Extreme(Enum):
 class Statistic:
     """A number made of medians.
 
-    Differences are paired: if both sides are medians of a quantity per value of one method, their
-    difference is the median of the differences at each sample and item. Everything else combines
-    medians.
+    Differences are paired: where both sides are medians of one method's values, the difference is
+    the median of the differences at each sample and item. All other operations combine medians.
 
     Attributes
     ----------
@@ -55,14 +54,14 @@ class Statistic:
     of
         Function from the medians to an array of their shape.
     each
-        If the statistic is the median of a quantity per value: the function from the values of the
-        cells to that quantity, (N,).
+        For the median of a quantity per value: the function from the values of the cells to that
+        quantity, (N,).
     positive
-        Whether no median may be 0, because of a division or a logarithm.
+        Whether all values must be positive, because of a division or a logarithm.
     of_rates
-        Whether the medians are those of event rates, not of scores.
+        Whether the medians are of event rates, not of scores.
     parts, extreme
-        If the statistic is the smallest or the largest of others: those others, and which. Its
+        For the smallest or the largest of several statistics: these, and which of the two. The
         interval follows from theirs.
     """
 
@@ -115,9 +114,9 @@ def median(
     speed
         Factor on the base speed.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
     task
-        Its task; "" for that of the claim.
+        Task of the method; "" for the claim's.
 
     Returns
     -------
@@ -200,7 +199,7 @@ def lead(
     speed
         Factor on the base speed.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
 
     Returns
     -------
@@ -220,9 +219,9 @@ def growth(width: int, method: str = "", task: str = "") -> Statistic:
     width
         Sensor width, px.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
     task
-        Its task; "" for that of the claim.
+        Task of the method; "" for the claim's.
 
     Returns
     -------

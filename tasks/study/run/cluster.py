@@ -112,7 +112,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
     worker = get_worker()
     try:
         if worker.state.nthreads != 1:
-            raise StudyError(f"{worker.state.nthreads} threads; start it with --nthreads 1")
+            raise StudyError(f"has {worker.state.nthreads} threads; start it with --nthreads 1")
         if _versions() != versions:
             raise StudyError(f"has code of versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
@@ -141,7 +141,7 @@ def _as_found_here(job: Job, key: str) -> Job:
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("your own method or weights differ from those when the study was started")
+        raise StudyError("your own method or weights differ from when the study was started")
     return here
 
 
