@@ -91,8 +91,8 @@ class SceneClaim(Claim):
     scenes
         Scenes that the claim is about; () for all scenes of the run.
     beside
-        Differences of other series from `series`, such as {"method": "..."} or {"variant": "..."}.
-        Their numbers and whether the claim would hold are printed too, but do not decide.
+        Further series to print, each by its difference from `series`, such as {"method": "..."} or
+        {"variant": "..."}. They show whether the claim would hold there, but do not decide it.
     mean
         Name of a number; its mean over the scenes is printed too.
     """

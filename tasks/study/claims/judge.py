@@ -100,8 +100,7 @@ def judge_all(
     Parameters
     ----------
     rows
-        The rows of a run, of which those of its first photoreceptor and contrast threshold count;
-        or scores.
+        Rows of a run, judged at its first photoreceptor and contrast threshold; or scores.
     scaling
         The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
     claims
@@ -115,7 +114,7 @@ def judge_all(
     Raises
     ------
     ResultError
-        As `Scores` raises it.
+        There are no rows, two are the same, or a task or metric is unknown.
     """
     scores = rows if isinstance(rows, Scores) else next(iter(by_photoreceptor(rows).values()))[0]
     verdicts = [claim.judge(scores, scaling) for claim in claims]

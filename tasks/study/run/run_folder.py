@@ -31,7 +31,7 @@ class RunFolder:
     Parameters
     ----------
     mix
-        Whether the run may continue with another Mitsuba or device than it began with.
+        Allow resuming with another Mitsuba version or device than the run started with.
     """
 
     def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:

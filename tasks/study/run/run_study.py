@@ -64,7 +64,7 @@ def run_study(
     on_progress
         Called as jobs proceed; jobs of earlier starts count as done.
     mix
-        Whether the run may continue with another Mitsuba or device than it began with.
+        Allow resuming with another Mitsuba version or device than the run started with.
 
     Returns
     -------
