@@ -71,7 +71,8 @@ def _check_numbers(section: str, values: Any) -> None:
             if type(value) not in (int, float):
                 continue
             if not least <= value <= most or (value == 0 and not zero):
-                low = f"at least {least}" if least else "0 or more" if zero else "a positive number"
+                low = "0 or more" if zero else "a positive number"
+                low = f"at least {least}" if least else low
                 high = f", at most {most}" if most < math.inf else ""
                 raise StudyError(f"{place}: found {value}, expected {low}{high}")
 
