@@ -31,7 +31,7 @@ def lines(scores: Scores, task: str, network: str) -> list[str]:
     """Return the lines of a table: each light with the paper's network and with ours."""
     metric, found = TASKS[task].metric, []
     for cutoff_hz, light in LIGHTS.items():
-        paper = [published(SCENE, task, network, w, cutoff_hz, 1.0, metric.name) for w in WIDTHS]
+        paper = [published(SCENE, task, network, w, cutoff_hz, 1.0) for w in WIDTHS]
         rows = {f"{TASKS[task].label(network)}, the paper": paper}
         for method in OURS[network]:
             series = Series(task, method, metric.name)

@@ -23,8 +23,8 @@ def connected(address: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError:
         raise TaskError(
-            "--scheduler: Dask is not installed; it comes with the extra `distributed`, in a "
-            "checkout by: pip install '.[distributed]'"
+            "--scheduler: Dask is not installed; in a checkout, install the extra `distributed`: "
+            "pip install '.[distributed]'"
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise TaskError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
@@ -33,9 +33,7 @@ def connected(address: str) -> Iterator[Client]:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
-            raise TaskError(
-                f"--scheduler: found no Dask scheduler at {address}: {reason}"
-            ) from None
+            raise TaskError(f"--scheduler: no Dask scheduler at {address}: {reason}") from None
         with client:
             yield client
 
@@ -61,8 +59,8 @@ def outcome(future: Future, what: str) -> Any:
         return future.result()
     except KilledWorker as error:
         raise TaskError(
-            f"{what}: one worker after another died while computing it, perhaps out of memory; "
-            f"the last was {error.last_worker.address}"
+            f"{what}: one worker after another died, perhaps out of memory; the last was "
+            f"{error.last_worker.address}"
         ) from None
     except FutureCancelledError:
         raise TaskError(f"{what}: the Dask scheduler ended or canceled the job") from None

@@ -26,7 +26,7 @@ _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
-    """What is other than in the study.
+    """Changes to the study.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ class Changes:
         two_pole, one_pole or v2e (v2e's limit for small steps), or several of them, on the same
         frames.
     distance_m
-        Enlarge planar scenes and their paths to this median distance of the camera from the plane,
-        m, for the study's speeds in m/s.
+        Scale planar scenes and their paths to this median distance between camera and plane, m;
+        needs a study with speeds in m/s.
     trajectory
-        File of poses in TUM format, in place of the path of the one scene.
+        File of poses in TUM format, in place of the scene's own path.
     method
         Methods in addition to the study's: names (`eres methods` lists them), or your own as
         package.module:function.
@@ -133,8 +133,8 @@ def study(
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     mix
-        Continue a run even with another version of Mitsuba, or on another device (GPU or CPU), than
-        it was begun with. Their frames differ slightly.
+        Allow resuming with another Mitsuba version or device than the run started with. Frames then
+        differ slightly.
     """
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
@@ -172,8 +172,8 @@ def report(run: RunFolder) -> None:
 def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     """Judge the paper's claims on a run's scores.
 
-    Several runs of one study, whose --weights are those of different trainings of the same
-    networks, are judged together: intervals are then over samples and trainings.
+    Several runs of one study, each with the --weights of another training of the same networks, are
+    judged together. Intervals then cover samples and trainings.
 
     Parameters
     ----------

@@ -7,14 +7,16 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from eres_render.errors import check_positive
-from sensor.cameras import EventCamera
 from tasks.errors import StudyError, WeightsError
-from tasks.evaluation.settings import Evaluate, NetworkSettings
+from tasks.evaluation.settings import Evaluate
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.settings import Render, Study
+from tasks.study.settings import Study
 
 
 def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | None = None) -> Study:
@@ -25,25 +27,25 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
     study
         The study.
     scenes
-        Names, folders or files of scenes; none for those of the study.
+        Names, folders or files of scenes; empty keeps the study's.
     trajectory
-        File of poses, in place of the path of the one scene.
+        File of poses, in place of the scene's own path.
 
     Returns
     -------
-    The study, with the trajectories of these scenes alone.
+    The study, with only the trajectories of these scenes.
 
     Raises
     ------
     StudyError
-        A trajectory is for several scenes.
+        One trajectory is given for several scenes.
     """
     chosen = tuple(scenes) or study.scenes
     given = {_place(name): file for name, file in (study.trajectories or {}).items()}
     paths = {name: given[_place(name)] for name in chosen if _place(name) in given}
     if trajectory is not None:
         if len(chosen) > 1:
-            raise StudyError(f"trajectory: found {len(chosen)} scenes, expected one")
+            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share a path; choose one")
         paths = {chosen[0]: str(trajectory)}
     return replace(study, scenes=chosen, trajectories=paths or None)
 
@@ -59,7 +61,7 @@ def is_path(scene: str) -> bool:
 
 
 def with_resolution(study: Study, resolution: int) -> Study:
-    """Return a study with frames of another size, and without sensors finer than these.
+    """Return a study with frames of another size, without the sensors that are finer.
 
     Parameters
     ----------
@@ -75,32 +77,27 @@ def with_resolution(study: Study, resolution: int) -> Study:
     Raises
     ------
     StudyError
-        All its sensors are finer, or the side is not positive.
+        All sensors are finer than the frames, or the side is not positive.
     """
     check_positive("--resolution", resolution, StudyError)
     render, simulate = study.render, study.simulate
     height = None if render.height is None else render.height_at(resolution)
     render = replace(render, resolution=resolution, height=height)
-    kept = replace(
-        simulate,
-        widths=tuple(width for width in simulate.widths if width <= resolution),
-        sensors=tuple(s for s in simulate.sensors if _is_seen(s, render)),
+    widths = tuple(width for width in simulate.widths if width <= resolution)
+    sensors = tuple(
+        camera
+        for camera in simulate.sensors
+        if all(np.less_equal(camera.size, render.seen_px(*camera.size)))
     )
-    if not (kept.widths or kept.sensors):
+    if not (widths or sensors):
         per_row = study.render.resolution / study.render.height_at(study.render.resolution)
-        sizes = [one.size for one in simulate.sensors]
+        sizes = [camera.size for camera in simulate.sensors]
         sides = [math.ceil(max(width, height * per_row)) for width, height in sizes]
         raise StudyError(
             f"--resolution: found {resolution} px, expected at least "
-            f"{min([*simulate.widths, *sides])}, to see as many as the study's coarsest sensor has"
+            f"{min([*simulate.widths, *sides])} px, the size of the study's coarsest sensor"
         )
-    return replace(study, render=render, simulate=kept)
-
-
-def _is_seen(camera: EventCamera, render: Render) -> bool:
-    """Return whether a camera is no finer than the frames."""
-    size = camera.size
-    return all(own <= seen for own, seen in zip(size, render.seen_px(*size), strict=True))
+    return replace(study, render=render, simulate=replace(simulate, widths=widths, sensors=sensors))
 
 
 def with_method(study: Study, name: str) -> Study:
@@ -154,12 +151,9 @@ def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
         own = {name: weights[name] for name in TASKS[task].networks if name in weights}
         used |= own.keys() & {*section.methods}
         if own:
-            if not isinstance(section, NetworkSettings):
-                raise TypeError(f"{task}: found {type(section)}, expected NetworkSettings")
-            sections[task] = replace(section, weights={**(section.weights or {}), **own})
+            changed: dict[str, Any] = {"weights": {**(section.weights or {}), **own}}
+            sections[task] = replace(section, **changed)
     for name in weights:
         if name not in used:
-            raise WeightsError(
-                f"weights: found some of {name}, which is not in the study's methods"
-            )
+            raise WeightsError(f"weights: {name} is not among the study's methods")
     return replace(study, evaluate=Evaluate(**sections))

@@ -14,6 +14,14 @@ from tasks.study.settings import Render, Simulate, Study
 SLIDER_LUX = (300.0, 67.0, 17.0)
 """Illuminance of the prints in the preset "slider", lux; the paper does not state its own."""
 
+_FLOW = "photometric_flow", "photometric_flow_with_delay", "contrast_maximization", "initial_flow"
+_TRACKING = "photometric_tracking", "photometric_tracking_with_delay", "initial_path"
+_VIDEO = "high_pass_filter", "high_pass_filter_no_event_decay", "blank"
+
+_UPSAMPLINGS = "event_integration", "event_integration_bilinear", "event_integration_nearest"
+_SEARCHES = "photometric_flow_unknown_contrast", "photometric_flow_by_descent"
+_CONTRAST = "contrast_maximization", "contrast_maximization_by_plain_variance"
+
 PRESETS = {
     "quick": Study(
         name="quick",
@@ -29,25 +37,17 @@ PRESETS = {
         simulate=Simulate(photoreceptors=("two_pole", "v2e")),
         evaluate=Evaluate(
             flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_with_delay",
-                    "contrast_maximization",
-                    "initial_flow",
-                ),
+                methods=_FLOW,
                 native_patch=True,
                 fast_methods=("photometric_flow", "contrast_maximization", "initial_flow"),
                 fast_scenes=("carpet",),
             ),
             tracking=Tracking(
-                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                methods=_TRACKING,
                 sigmas_mm=(20.0,),  # from 50 mm on most searches fail, slowly
                 max_events=50_000,
             ),
-            video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
-                scenes=("carpet",),
-            ),
+            video=Video(methods=_VIDEO, scenes=("carpet",)),
         ),
     ),
     "slider": Study(
@@ -65,28 +65,15 @@ PRESETS = {
             warm_up_s=6 * 3 / (2 * math.pi * 51),  # of the slowest sensor at the highest speed
         ),
         evaluate=Evaluate(
-            flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_with_delay",
-                    "contrast_maximization",
-                    "initial_flow",
-                ),
-                native_patch=True,
-            ),
+            flow=Flow(methods=_FLOW, native_patch=True),
             tracking=Tracking(
-                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                methods=_TRACKING,
                 # 2.5 mm at 24 cm is about the same angle as 20 mm at 1.8 m in "paper".
                 sigmas_mm=(2.5, PAPER_SIGMA_MM),
                 max_events=50_000,
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
             ),
-            video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
-                duration_s=1.2,
-                run_in_s=0.6,
-                every_s=0.03,
-            ),
+            video=Video(methods=_VIDEO, duration_s=1.2, run_in_s=0.6, every_s=0.03),
         ),
     ),
     # Choices that the paper leaves open or makes differently; claims print their numbers as well.
@@ -95,32 +82,16 @@ PRESETS = {
         scenes=("carpet", "rocks", "room"),
         render=Render(spp=4, max_displacement_px=1.0, samples=6),
         evaluate=Evaluate(
-            reconstruction=Reconstruction(
-                methods=(
-                    "event_integration",
-                    "event_integration_bilinear",
-                    "event_integration_nearest",
-                    "no_events",
-                ),
-            ),
+            reconstruction=Reconstruction(methods=(*_UPSAMPLINGS, "no_events")),
             flow=Flow(
-                methods=(
-                    "photometric_flow",
-                    "photometric_flow_unknown_contrast",
-                    "photometric_flow_by_descent",
-                    "initial_flow",
-                ),
+                methods=("photometric_flow", *_SEARCHES, "initial_flow"),
                 features=10,
-                fast_methods=(
-                    "contrast_maximization",
-                    "contrast_maximization_by_plain_variance",
-                    "initial_flow",
-                ),
+                fast_methods=(*_CONTRAST, "initial_flow"),
                 fast_scenes=("carpet",),
             ),
             tracking=Tracking(sigmas_mm=(20.0, 200.0), max_events=20_000),
             video=Video(
-                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                methods=_VIDEO,
                 scenes=("carpet",),
                 duration_s=1.2,
                 other_equalizations=("none", "clahe"),

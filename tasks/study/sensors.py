@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from eres_render.storage.settings_reader import read_typed
 from sensor.cameras import EventCamera, find_camera
@@ -14,9 +13,6 @@ from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
 from sensor.model import SensorModel, cutoff_in_light
 from tasks.errors import StudyError
-
-if TYPE_CHECKING:
-    from sensor import Readout
 
 
 class StudyLight(NamedTuple):
@@ -49,49 +45,27 @@ def own_of(camera: EventCamera) -> tuple[str, ...]:
     return tuple(name for name, holds in own.items() if holds)
 
 
-def bus_of(camera: EventCamera, bus_mev_s: float | None) -> Readout | None:
-    """Return the bus of a camera, or that of the study, in million events per second."""
-    if bus_mev_s is None or camera.states("bus"):
-        return camera.bus
-    return replace(camera, bus_hz=1e6 * bus_mev_s).bus
-
-
-def with_area_exponents(
-    cameras: Iterable[EventCamera], exponents: Iterable[float]
-) -> tuple[EventCamera, ...]:
-    """Return cameras whose cutoff is lent once for each exponent of the area, the others as is."""
-    powers = [*exponents]
-    found: list[EventCamera] = []
-    for one in cameras:
-        if one.borrows_cutoff and one.area_um2 is not None:
-            names = [(f"{one.name} {AREA}{power:g}", power) for power in powers]
-            found += [replace(one, name=name, area_exponent=power) for name, power in names]
-        else:
-            found.append(one)
-    return tuple(found)
-
-
 AREA = "area^"
-"""Before the exponent in the name of a camera of `with_area_exponents`."""
+"""Before the exponent in the name of a camera with an exponent of `area_exponents`."""
 
 
-def read_camera_of(found: Any, where: str, folder: Path) -> EventCamera:
+def read_camera_of(entry: Any, where: str, folder: Path) -> EventCamera:
     """Read a camera from an entry of `simulate.sensors`.
 
     Parameters
     ----------
-    found
+    entry
         The name of a camera, a TOML file, or a table with the keys of such a file and `name`.
     """
     try:
-        if isinstance(found, str):
-            camera = find_camera(folder / found if found.endswith(".toml") else found)
-        elif isinstance(found, dict):
-            table = dict(found)
+        if isinstance(entry, str):
+            camera = find_camera(folder / entry if entry.endswith(".toml") else entry)
+        elif isinstance(entry, dict):
+            table = dict(entry)
             name = read_typed(str, table.pop("name", ""), Path(where), StudyError, "name")
             camera = camera_of(table, name, folder)
         else:
-            raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
+            raise StudyError(f"{where}: found {entry!r}, expected a camera, a file or a table")
         width, height = camera.size
     except SensorError as error:
         raise StudyError(f"{where}: {error}") from None

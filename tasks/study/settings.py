@@ -18,13 +18,7 @@ from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
-from tasks.study.sensors import (
-    StudyLight,
-    bus_of,
-    light_at,
-    own_of,
-    with_area_exponents,
-)
+from tasks.study.sensors import AREA, StudyLight, light_at, own_of
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
@@ -33,16 +27,8 @@ if TYPE_CHECKING:
 # Fields that study.json has only if they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
-    *("height", "same_lens", "tracking_window_s"),
-    *(
-        "sensors",
-        "area_exponents",
-        "illuminance_lux",
-        "speeds_m_s",
-        "distance_m",
-        "bus_mev_s",
-        "trajectories",
-    ),
+    *("height", "same_lens", "tracking_window_s", "sensors", "area_exponents", "illuminance_lux"),
+    *("speeds_m_s", "distance_m", "bus_mev_s", "trajectories"),
 )
 
 
@@ -126,29 +112,30 @@ class Simulate:
     dark_fraction
         Dark level as a fraction of the scene's white level.
     warm_up_s
-        Warm-up before a window at least, seconds of the path.
+        Shortest warm-up before a window, seconds of the path.
     warmup_time_constants
-        Warm-up before a window at least, in time constants of a sensor's own filter at its speed.
+        Shortest warm-up before a window, in time constants of the sensor's filter at its speed.
     photoreceptors
         Each is "two_pole", "one_pole" or "v2e" (v2e's limit for small steps), see
         `sensor.SensorModel`. "two_pole" becomes the first, which the report shows in full.
     sensors
-        Cameras, each with a name, in addition to the widths. What they state goes before
+        Cameras, each with a name, in addition to the widths. Their own values override
         `contrast_thresholds`, `photoreceptors`, `dark_fraction`, `warmup_time_constants` and
         `bus_mev_s`.
     area_exponents
-        Exponents of the photodiode's area for cameras whose cutoff is lent: each of them is one
-        more sensor. None for the cameras' own.
+        Exponents of the photodiode's area for cameras that borrow their cutoff. Each exponent makes
+        one sensor of such a camera. None keeps the cameras' own exponents.
     illuminance_lux
         Illuminance of the scene, lux, in place of `cutoffs_hz`, which follow from it.
     speeds_m_s
         Mean speeds of the camera, m/s, in place of `speeds`, which follow from them for each scene.
     distance_m
-        With `speeds_m_s`: median distance of the camera from the plane along its axis, m. Scene and
-        path are enlarged to it, so that images stay. None for the scenes' own distance.
+        Median distance between camera and plane along the optical axis, m; needs `speeds_m_s`.
+        Scene and path are scaled to it, which leaves the images unchanged. None keeps each scene's
+        distance.
     bus_mev_s
-        Capacity of the bus of all sensors without one of their own, million events per second; None
-        for no bus. A sensor's own number of events can wait for it.
+        Capacity of the bus of all sensors that have none of their own, million events per second;
+        None for no bus. Events wait for it in a queue of the sensor's own length.
     same_lens
         Whether all widths are one camera at several distances from a plane that it faces: half the
         width is twice the distance. Images are the same as with larger pixels; poses are not. None
@@ -157,7 +144,7 @@ class Simulate:
     Raises
     ------
     StudyError
-        If `illuminance_lux` and `cutoffs_hz` are both given and contradict each other.
+        `illuminance_lux` and `cutoffs_hz` are both given and contradict each other.
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -178,16 +165,15 @@ class Simulate:
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
-        readings = sorted(self.photoreceptors, key=lambda name: name != "two_pole")
-        object.__setattr__(self, "photoreceptors", tuple(readings))
+        in_order = tuple(sorted(self.photoreceptors, key=lambda name: name != "two_pole"))
+        object.__setattr__(self, "photoreceptors", in_order)
         if min(self.illuminance_lux or (0.0,)) <= 0:  # not given, or for `Study` to refuse
             return
         cutoffs_hz = tuple(light.cutoff_hz for light in self.lights)
-        usual = {one.name: one.default for one in fields(self)}["cutoffs_hz"]
-        if self.cutoffs_hz not in (cutoffs_hz, usual):
+        default = {field.name: field.default for field in fields(self)}["cutoffs_hz"]
+        if self.cutoffs_hz not in (cutoffs_hz, default):
             raise StudyError(
-                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux, expected one of "
-                "them"
+                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux; leave out one"
             )
         object.__setattr__(self, "cutoffs_hz", cutoffs_hz)
 
@@ -200,29 +186,31 @@ class Simulate:
 
     @property
     def cameras(self) -> tuple[EventCamera, ...]:
-        """The named cameras, one for each exponent of the area."""
-        if self.area_exponents is None:
-            return self.sensors
-        return with_area_exponents(self.sensors, self.area_exponents)
+        """The named cameras, those that borrow their cutoff once for each exponent of the area."""
+        every: list[EventCamera] = []
+        for camera in self.sensors:
+            if camera.borrows_cutoff and camera.area_um2 is not None and self.area_exponents:
+                names = {power: f"{camera.name} {AREA}{power:g}" for power in self.area_exponents}
+                every += [replace(camera, name=n, area_exponent=p) for p, n in names.items()]
+            else:
+                every.append(camera)
+        return tuple(every)
 
     def readout(self, camera: EventCamera) -> Readout | None:
-        """Return the bus of a camera; None for no bus."""
-        return bus_of(camera, self.bus_mev_s)
+        """Return the bus of a camera, or that of the study; None for no bus."""
+        if self.bus_mev_s is None or camera.states("bus"):
+            return camera.bus
+        return replace(camera, bus_hz=1e6 * self.bus_mev_s).bus
 
     def all_cameras(self, render: Render = _ANY) -> list[EventCamera]:
         """Return the plain and the named cameras, for frames of these settings."""
         plain = EventCamera(dark_share=self.dark_fraction, warm_up=self.warmup_time_constants)
-        return [
-            *(plain.on(width, render.height_at(width)) for width in self.widths),
-            *(
-                replace(
-                    one,
-                    dark_share=one.dark_share if one.states("dark") else plain.dark_share,
-                    warm_up=one.warm_up if one.states("warm_up") else plain.warm_up,
-                )
-                for one in self.cameras
-            ),
-        ]
+        every = [plain.on(width, render.height_at(width)) for width in self.widths]
+        for camera in self.cameras:
+            names = {"dark": "dark_share", "warm_up": "warm_up"}
+            lacks = [name for key, name in names.items() if not camera.states(key)]
+            every.append(replace(camera, **{name: getattr(plain, name) for name in lacks}))
+        return every
 
     @property
     def assumes(self) -> list[str]:
@@ -231,72 +219,48 @@ class Simulate:
         if self.illuminance_lux is None:
             light = {"cutoff_hz": self.cutoffs_hz}
         lines: dict[str, None] = {}
-        for one in self.all_cameras():
-            bus_hz = one.bus_hz if one.states("bus") else 1e6 * (self.bus_mev_s or math.inf)
-            said = replace(one, bus_hz=bus_hz)
-            if not one.name:
-                said = replace(said, width=None, height=None)
-            own = "contrast_thresholds" in own_of(one)
+        for camera in self.all_cameras():
+            if not camera.states("bus"):
+                camera = replace(camera, bus_hz=1e6 * (self.bus_mev_s or math.inf))
+            own = "contrast_thresholds" in own_of(camera)
             thresholds = () if own else self.contrast_thresholds
-            lines[said.assumptions(**light, thresholds=thresholds)] = None
-        kinds = {one.sources["threshold"].kind for one in self.cameras if one.states("threshold")}
+            if not camera.name:
+                camera = replace(camera, width=None, height=None)
+            lines[camera.assumptions(**light, thresholds=thresholds)] = None
+        kinds = {c.sources["threshold"].kind for c in self.cameras if c.states("threshold")}
         if len(kinds) > 1:
             lines[f"thresholds are not comparable: {', '.join(sorted(kinds))}"] = None
         return [*lines]
 
-    def sizes(self, render: Render) -> list[tuple[int, int]]:
-        """Return (width, height) of all sensors, px, for frames of these settings."""
-        return [one.size for one in self.all_cameras(render)]
-
-    def warm_up_of(
-        self, cutoff_hz: float, speed: float, time_constants: float | None = None
-    ) -> float:
-        """Return the warm-up of a sensor at a speed, s of the path, whatever is beside it.
-
-        Parameters
-        ----------
-        cutoff_hz, speed, time_constants
-            As for `tasks.warm_up.needed_s`; by default of the study's time constants.
-
-        Returns
-        -------
-        seconds
-        """
-        if time_constants is None:
-            time_constants = self.warmup_time_constants
-        return needed_s(cutoff_hz, speed, self.warm_up_s, time_constants)
-
     @property
     def longest_warm_up_s(self) -> float:
         """The longest warm-up of all sensors, seconds of the path."""
-        found = [
-            self.warm_up_of(model.cutoff_hz, max(self.speeds), camera.warm_up)
+        return max(
+            needed_s(model.cutoff_hz, max(self.speeds), self.warm_up_s, camera.warm_up)
             for camera, _, model in self.models()
-        ]
-        return max(found, default=self.warm_up_s)
+        )
 
     @property
     def decides(self) -> dict[str, object]:
         """Fields that name results. Those added later are included only if they are used."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        del found["warm_up_s"], found["area_exponents"]  # the clip and the cameras hold them
-        readings = found.pop("photoreceptors")
-        if readings != ("two_pole",):
-            found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
-        named = [one for one in self.all_cameras() if one.name]
-        found["sensors"] = [
+        named = [
             {
-                "name": one.name,
-                "in_light": [light.on(one) for light in self.lights],
-                "own": own_of(one),
-                "readout": self.readout(one) if any(map(one.states, BUS_KEYS)) else None,
-                "warm_up": one.warm_up if one.states("warm_up") else None,
+                "name": camera.name,
+                "in_light": [light.on(camera) for light in self.lights],
+                "own": own_of(camera),
+                "readout": self.readout(camera) if any(map(camera.states, BUS_KEYS)) else None,
+                "warm_up": camera.warm_up if camera.states("warm_up") else None,
             }
-            for one in named
+            for camera in self.all_cameras()
+            if camera.name
         ]
-        if not named:
-            del found["sensors"]
-        return found
+        # The clip and the cameras hold the warm-up and the exponents.
+        elsewhere = "warm_up_s", "area_exponents", "photoreceptors", "sensors"
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in elsewhere}
+        if self.photoreceptors != ("two_pole",):
+            first, *others = self.photoreceptors
+            values["photoreceptor"] = self.photoreceptors if others else first
+        return values | ({"sensors": named} if named else {})
 
     def models(
         self, render: Render = _ANY, white: float = 1.0
@@ -329,29 +293,17 @@ class Simulate:
                             pixels = replace(pixels, contrast_threshold=C)
                         yield camera, light, light.on(pixels, white)
 
-    def at_factors(self, base_speed_m_s: float) -> Simulate:
-        """Return the same sensors with speeds as factors on the base speed of a scene."""
-        if self.speeds_m_s is None:
-            return self
-        return replace(self, speeds=tuple(speed / base_speed_m_s for speed in self.speeds_m_s))
-
     def first(self, render: Render) -> Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
-        smallest = min(self.all_cameras(render), key=lambda one: math.prod(one.size))
-        named = [one for one in self.cameras if one.size == smallest.size][:1]
-        lux, speeds_m_s = self.illuminance_lux, self.speeds_m_s
-        return replace(
-            self,
-            widths=() if named else smallest.size[:1],
-            cutoffs_hz=self.cutoffs_hz[:1],
-            contrast_thresholds=self.contrast_thresholds[:1],
-            speeds=self.speeds[:1],
-            photoreceptors=self.photoreceptors[:1],
-            sensors=tuple(named),
-            area_exponents=None,
-            illuminance_lux=lux and lux[:1],
-            speeds_m_s=speeds_m_s and speeds_m_s[:1],
-        )
+        size = min((camera.size for camera in self.all_cameras(render)), key=math.prod)
+        named = tuple(camera for camera in self.cameras if camera.size == size)[:1]
+        lists = ["cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"]
+        lists += ["illuminance_lux", "speeds_m_s"]
+        firsts: dict[str, Any] = {
+            name: values[:1] for name in lists if (values := getattr(self, name)) is not None
+        }
+        widths = () if named else size[:1]
+        return replace(self, **firsts, widths=widths, sensors=named, area_exponents=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -374,9 +326,9 @@ class Study:
     Raises
     ------
     StudyError
-        If a list of sensor settings is empty or has a value twice, a sensor is finer than the
-        frames, sensors contradict each other, a bus carries nothing, a distance is given without
-        speeds in m/s or with `same_lens`, or a number is out of range.
+        A list of sensor settings is empty or has a value twice, a sensor is finer than the frames,
+        sensors contradict each other, a distance is given without speeds in m/s or with
+        `same_lens`, or a number is out of range.
     """
 
     name: str

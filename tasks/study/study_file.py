@@ -21,17 +21,17 @@ from tasks.study.settings import Simulate, Study
 def read_study(file: str | Path) -> Study:
     """Read a study.
 
-    The tables and fields are those of `Study`. A field that is left out has its default, but
-    `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a file,
-    or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all sensors
-    get, in place of `bus_mev_s`. `[weights]` maps methods to files with the weights of their
-    networks. All paths are relative to the file.
+    Tables and fields are those of `Study`. Fields that are left out have their defaults, except
+    that `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a
+    file, or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all
+    sensors get, in place of `bus_mev_s`. `[weights]` maps methods to the files with the weights of
+    their networks. All paths are relative to the file.
 
     Raises
     ------
     StudyError
-        If the file is missing or not TOML, or a field is unknown, missing or wrong. The message
-        names file and field.
+        The file is missing or not TOML, or a field is unknown, missing or wrong. The message names
+        file and field.
 
     Examples
     --------
@@ -56,10 +56,10 @@ def read_study(file: str | Path) -> Study:
         table["scenes"] = [_placed(name, file) for name in table["scenes"]]
     if paths:
         table["trajectories"] = {
-            _placed(name, file): str(file.parent / one) for name, one in paths.items()
+            _placed(name, file): str(file.parent / path) for name, path in paths.items()
         }
     study = read_typed(Study, table, file, StudyError)
-    placed = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
+    placed = {name: str((file.parent / path).absolute()) for name, path in weights.items()}
     try:
         rules.check_file(study)
         return with_weights(study, placed)
@@ -68,7 +68,7 @@ def read_study(file: str | Path) -> Study:
 
 
 def _names(kind: type) -> list[str]:
-    return [one.name for one in fields(kind)]
+    return [field.name for field in fields(kind)]
 
 
 def _placed(scene: Any, file: Path) -> Any:
@@ -82,45 +82,41 @@ def _placed(scene: Any, file: Path) -> Any:
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
     table = dict(given)
-    new = [name for name in table if name != "photoreceptor"]
+    new = [name for name in table if name != _OLD]
     check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
-    for one, other in _ONE_OF:
-        if one in table and other in table:
-            raise StudyError(
-                f"{file}: simulate: found both {one} and {other}, expected one of them"
-            )
-    if "photoreceptor" in table:  # the field of older versions
-        table["photoreceptors"] = [table.pop("photoreceptor")]
+    for name, other in _ONE_OF:
+        if name in table and other in table:
+            raise StudyError(f"{file}: simulate: found both {name} and {other}; leave out one")
+    if _OLD in table:
+        table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:
         table["bus_mev_s"] = _bus_mev_s(table.pop("bus"), file)
     if "sensors" not in table:
         return table
     table.setdefault("widths", [])
-    found = table.pop("sensors")
-    if not isinstance(found, list):
-        raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
+    place = "simulate.sensors"
+    entries = read_typed(tuple[Any, ...], table["sensors"], file, StudyError, place)
     table["sensors"] = [
-        read_camera_of(one, f"{file}: simulate.sensors[{i}]", file.parent)
-        for i, one in enumerate(found)
+        read_camera_of(entry, f"{file}: {place}[{i}]", file.parent)
+        for i, entry in enumerate(entries)
     ]
     return table
 
 
+_OLD = "photoreceptor"  # the field of older versions
 _ONE_OF = (
     ("cutoffs_hz", "illuminance_lux"),
     ("speeds", "speeds_m_s"),
-    ("photoreceptor", "photoreceptors"),
+    (_OLD, "photoreceptors"),
     ("bus", "bus_mev_s"),
 )
 
 
 def _bus_mev_s(camera: Any, file: Path) -> float:
     """Return the capacity of a camera's bus, million events per second."""
-    place = f"{file}: simulate.bus"
-    if not isinstance(camera, str):
-        raise StudyError(f"{place}: found {camera!r}, expected a camera; bus_mev_s takes a number")
+    name = read_typed(str, camera, file, StudyError, "simulate.bus")  # bus_mev_s is the number
     try:
-        return camera_of({"bus": camera}).bus_hz / 1e6
+        return camera_of({"bus": name}).bus_hz / 1e6
     except SensorError as error:
         raise StudyError(f"{file}: simulate.{error}") from None
 

@@ -48,7 +48,7 @@ def paper_rows(
             for cutoff in CUTOFFS_HZ:
                 for speed in (*SPEEDS, FAST):
                     where = (width, cutoff, speed)
-                    median = published(scene, *series[:2], *where, series.metric)
+                    median = published(scene, *series[:2], *where)
                     if median is None:
                         continue
                     value = change(*where, median)

@@ -119,7 +119,7 @@ def test_old_words_are_read(tmp_path):
         ('scenes = ["carpet"]\n[render]\nspp = "4"', r"mine.toml: render.spp: found '4'"),
         (
             'scenes = ["carpet"]\n[simulate]\nwidths = [2560]',
-            r"mine.toml: simulate.widths: found 2560 px, expected at most 1280",
+            r"mine.toml: simulate.widths: found 2560x2560 px, finer than the 1280x1280 px",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncontrast_thresholds = [0.2, 0.2]',
@@ -153,7 +153,7 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[render]\nmax_displacement_px = 1e-300',
-            r"render.max_displacement_px: found 1e-300, expected at least 0.001 px",
+            r"render.max_displacement_px: found 1e-300, expected at least 0.001",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\ne2vid_window_s = 1\ne2vid_events_per_px = 1',
@@ -173,7 +173,7 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[render]\nresolution = 61\n[simulate]\nwidths = [20]',
-            r"render.resolution: found 61 px, expected at least 62",
+            r"render.resolution: found 61, expected at least 62",
         ),
         ('scenes = ["carpet"]\n[render]\nsamples = 0', r"render.samples: found 0, expected"),
         (
@@ -196,11 +196,11 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[evaluate.flow]\nfast_speed = 4.0',
-            r"mine.toml: evaluate.flow.fast_speed: found 4.0, expected it only with fast_methods",
+            r"mine.toml: evaluate.flow.fast_speed: needs evaluate.flow.fast_methods",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.flow]\nfast_scenes = ["carpet"]',
-            r"evaluate.flow.fast_scenes: found \('carpet',\), expected it only with fast_methods",
+            r"evaluate.flow.fast_scenes: needs evaluate.flow.fast_methods",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 10.0',
@@ -219,15 +219,13 @@ def test_old_words_are_read(tmp_path):
         (
             'scenes = ["carpet"]\n[simulate]\nphotoreceptors = ["two_pole", "v2e"]\n'
             '[evaluate.video]\nmethods = ["late_truth"]',
-            r"mine.toml: evaluate.video.methods: found 'late_truth', which is about two poles, and "
-            r"the photoreceptor 'v2e', expected only 'two_pole'",
+            r"mine.toml: evaluate.video.methods: 'late_truth' .* the photoreceptor 'v2e'",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\nwidths = []\nsensors = [\n'
             "{ width = 64, height = 64, cutoff_follows_light = true }]\n"
             '[evaluate.video]\nmethods = ["filtered_truth"]',
-            r"mine.toml: evaluate.video.methods: found 'filtered_truth', which is about two poles, "
-            r"and a cutoff that follows the light, expected only 'two_pole' with one cutoff",
+            r"mine.toml: evaluate.video.methods: 'filtered_truth' .* follows the light",
         ),
     ],
 )
@@ -279,8 +277,8 @@ def test_a_study_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("camera", "message"),
     [
-        (plain_camera(64), "simulate.sensors: found a camera of 64x64 px without a name"),
-        (find_camera("imx636"), "simulate.sensors: imx636: found no width and height"),
+        (plain_camera(64), "simulate.sensors: found a camera without a name"),
+        (find_camera("imx636"), "simulate: imx636: found no width and height"),
     ],
     ids=["no name", "no grid"],
 )

@@ -73,7 +73,11 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     """
     simulate = read(tmp_path, sensors).simulate
     assert simulate.widths == ()
-    assert simulate.sizes(Render()) == [(346, 260), (200, 100), (320, 320)]
+    assert [one.size for one in simulate.all_cameras(Render())] == [
+        (346, 260),
+        (200, 100),
+        (320, 320),
+    ]
     davis, wide, noisy = simulate.sensors
     assert (davis.name, wide.name, noisy.name) == ("davis346", "wide", "noisy")
     assert (davis.fill_factor, noisy.leak_hz, wide.bus_hz) == (0.22, 0.1, 5e5)
@@ -195,16 +199,14 @@ def test_a_sensor_may_have_another_queue_for_the_bus_of_the_study(tmp_path) -> N
     late, usual = map(study.simulate.readout, study.simulate.sensors)
     assert late == Readout(max_rate_hz=12e6, fifo_depth=1000)
     assert usual == Readout(max_rate_hz=12e6, fifo_depth=4096)
-    with pytest.raises(StudyError, match=r"simulate.sensors: 'late': fifo: found no bus"):
-        read(tmp_path, f"sensors = [{sensors}]")
+    with pytest.raises(StudyError, match=r"simulate.sensors: 'late': fifo needs a bus"):
+        jobs_of(read(tmp_path, f"sensors = [{sensors}]"), load_scene("carpet"))
 
 
 def test_the_bus_carries_something_at_the_fast_speed_too(tmp_path) -> None:
     """Physics: windows of flow at 10 times the base speed last 5 ms."""
     fast = "[evaluate.flow]\nfast_methods = ['initial_flow']\nfast_speed = 10.0"
-    with pytest.raises(
-        StudyError, match=r"no event in a window of 5 ms, expected at least 0\.0002"
-    ):
+    with pytest.raises(StudyError, match=r"bus_mev_s: an event takes 0\.01 s .* of 5 ms"):
         jobs_of(read(tmp_path, "bus_mev_s = 1e-4\nspeeds = [1]", fast), load_scene("carpet"))
     assert jobs_of(read(tmp_path, "bus_mev_s = 1e-4\nspeeds = [1]"), load_scene("carpet"))
 
@@ -212,9 +214,7 @@ def test_the_bus_carries_something_at_the_fast_speed_too(tmp_path) -> None:
 def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path) -> None:
     """Physics: windows are 50 ms of base time, so at 9 m/s, ten times the carpet's speed, 5 ms."""
     fast, slow = (read(tmp_path, f"bus_mev_s = 1e-4\nspeeds_m_s = [{v}]", QUIET) for v in (9, 0.45))
-    with pytest.raises(
-        StudyError, match=r"no event in a window of 5 ms, expected at least 0\.0002"
-    ):
+    with pytest.raises(StudyError, match=r"bus_mev_s: an event takes 0\.01 s .* of 5 ms"):
         jobs_of(fast, load_scene("carpet"))
     assert jobs_of(slow, load_scene("carpet"))
 
@@ -222,29 +222,39 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
 @pytest.mark.parametrize(
     ("simulate", "message"),
     [
+        ("bus_mev_s = 1e-6", "bus_mev_s: an event takes 1 s .* of 25 ms"),
+        (
+            "sensors = [{width = 64, bus = 12, row_overhead = 1}]",
+            "'64x64': bus: an event takes 1 s .* of 25 ms",
+        ),
+        (
+            "bus_mev_s = 12\nsensors = [{width = 64, row_overhead = 1}, {width = 65}]",
+            "'64x64': row_overhead: an event takes 1 s",
+        ),
+        (
+            "sensors = [{width = 64, bus = 1e-4, row_overhead = 0.02}]",
+            "'64x64': bus: an event takes 0.03 s",
+        ),
+    ],
+)
+def test_a_bus_that_carries_nothing_is_refused_by_its_sensor(tmp_path, simulate, message):
+    with pytest.raises(StudyError, match=message):
+        jobs_of(read(tmp_path, simulate, QUIET), load_scene("carpet"))
+
+
+@pytest.mark.parametrize(
+    ("simulate", "message"),
+    [
         (
             "illuminance_lux = [1]\ncutoffs_hz = [1]",
-            "found both cutoffs_hz and illuminance_lux, exp",
+            "found both cutoffs_hz and illuminance_lux",
         ),
         ("speeds = [1]\nspeeds_m_s = [1]", "found both speeds and speeds_m_s"),
         ('bus = "davis346"\nbus_mev_s = 1', "found both bus and bus_mev_s"),
         ('bus = "davis364"', "simulate.bus: .*did you mean 'davis346'"),
         ('bus = "atis"', "simulate.bus: the bus of 'atis' is unknown"),
         ("bus_mev_s = 0", "simulate.bus_mev_s: found 0.0, expected a positive number"),
-        ("bus_mev_s = 1e-6", "carries no event in a window of 25 ms, expected at least 4e-05"),
-        (
-            "sensors = [{width = 64, bus = 12, row_overhead = 1}]",
-            "'64x64': bus: found 12 Mev/s with a row_overhead of 1 s, which carries no event in a "
-            "window of 25 ms, expected a row_overhead of less than 0.025 s",
-        ),
-        (
-            "bus_mev_s = 12\nsensors = [{width = 64, row_overhead = 1}, {width = 65}]",
-            "'64x64': row_overhead: found 12 Mev/s with a row_overhead of 1 s, which carries no",
-        ),
-        (
-            "sensors = [{width = 64, bus = 1e-4, row_overhead = 0.02}]",
-            "found 0.0001 Mev/s with a row_overhead of 0.02 s, .* expected at least 0.0002",
-        ),
+        ("bus = 3", "simulate.bus: found 3, expected a string"),
         (
             'sensors = ["davis364"]',
             r"sensors\[0\]: camera: found 'davis364'; did you mean 'davis346'",
@@ -272,7 +282,7 @@ def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path
         ('sensors = ["none.toml"]', r"mine.toml: simulate.sensors\[0\]: .*none.toml: no such"),
         ("area_exponents = [1]", "simulate.area_exponents: .* simulate.illuminance_lux"),
         ("area_exponents = []\nilluminance_lux = [67]", "area_exponents: found none"),
-        ("area_exponents = [2]\nilluminance_lux = [67]", "area_exponents: found 2.0, .* 0 to 1"),
+        ("area_exponents = [2]\nilluminance_lux = [67]", "area_exponents: found 2.0, .* at most 1"),
         ("area_exponents = [1, 1]\nilluminance_lux = [67]", "area_exponents: .* each of them once"),
         ("illuminance_lux = [9, 9]", r"lux: found \(9.0, 9.0\), expected each of them once"),
         ("speeds_m_s = [2, 2]", r"speeds_m_s: found \(2.0, 2.0\), expected each of them once"),
@@ -293,7 +303,7 @@ def test_a_flat_sensor_alone_is_refused_before_rendering(tmp_path) -> None:
     """Promise: the error names the sensor and the part of the frames that it sees, which is too low
     for the scaling statistics; after a larger sensor it is accepted."""
     flat, render = '{name = "flat", width = 320, height = 20}', "[render]\nresolution = 640"
-    said = r"'flat' of 320x20 px first, which sees 640x40 px .* at least 62 px"
+    said = r"'flat' has 320x20 px and sees 640x40 px .* at least 62 px"
     with pytest.raises(StudyError, match=said):
         jobs_of(read(tmp_path, f"sensors = [{flat}]", render), load_scene("carpet"))
     after = read(tmp_path, f'sensors = ["davis346", {flat}]', render)
@@ -307,7 +317,7 @@ def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
         '[illuminance]\nvalue = 1000\nunit = "lux"\nsource = "measured"'
     )
     sensors = 'sensors = [{name = "slow", width = 64, electronics = "slow.toml"}]\nwidths = [32]'
-    said = r"6 time constants of 4 Hz of 'slow' at speed 2, .* at least 7\.64 Hz \(3\.82 lux\)"
+    said = r"6 time constants of 4 Hz of 'slow' at speed 2\), .* at least 7\.64 Hz \(3\.82 lux\)"
     with pytest.raises(StudyError, match=said):
         jobs_of(read(tmp_path, f"{sensors}\nilluminance_lux = [2]", QUIET), load_scene("carpet"))
     assert jobs_of(
@@ -338,12 +348,12 @@ def test_the_warm_up_is_that_of_the_sensors(tmp_path) -> None:
 
 
 def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
-    with pytest.raises(StudyError, match="'gen4-cd' of 1280x720 px, finer than the frames"):
+    with pytest.raises(StudyError, match="'gen4-cd' has 1280x720 px, finer than"):
         read(tmp_path, 'sensors = ["gen4-cd"]', "[render]\nresolution = 640")
     tall = "[render]\nresolution = 640\nheight = 1280"
     read(tmp_path, 'sensors = [{name = "tall", width = 360, height = 700}]', tall)
     wide = "[render]\nresolution = 640\nheight = 200"
-    with pytest.raises(StudyError, match="of whose 640x200 px it sees 200x200, expected a larger"):
+    with pytest.raises(StudyError, match="finer than the 200x200 px of the frames"):
         read(tmp_path, 'sensors = [{name = "square", width = 400, height = 400}]', wide)
 
 
@@ -361,18 +371,18 @@ def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
         (
             "speeds = [1e6]",
             QUIET,
-            r"simulate.speeds: found 1e\+06 times .* lasts 5e-08 s, expected 2.5e-05 to",
+            r"simulate.speeds: found 1e\+06 times .* expected 2.5e-05 to .* last 5e-08 s",
         ),
         (
             "speeds_m_s = [1e-12]",
             QUIET,
-            r"simulate.speeds_m_s: found 1\.11111e-12 times .* lasts 4\.5e\+10 s, expected",
+            r"simulate.speeds_m_s: found 1\.11111e-12 times .* last 4\.5e\+10 s",
         ),
-        ("", "[render]\nwindow_s = 100", "window_s: found 100 s, expected less than the path of c"),
+        ("", "[render]\nwindow_s = 100", "a window of 100 s; shorten window_s"),
         (
             "",
             "[evaluate.tracking]\ntracking_window_s = 99",
-            "tracking_window_s: found 99 s, expect",
+            "a window of 99 s; shorten window_s or tracking_window_s",
         ),
     ],
 )
@@ -669,7 +679,7 @@ def test_options_name_photoreceptors_and_a_path(tmp_path, eres, asked) -> None:
     assert asked[0].trajectories == {"gallery.xml": "poses.txt"}
     code, _, err = eres("study", "--preset", "paper", *options, "--out", tmp_path / "run")
     assert (code, len(asked)) == (1, 1)
-    assert "trajectory: found 3 scenes, expected one" in err
+    assert "trajectory: 3 scenes" in err
 
 
 @pytest.mark.parametrize(

@@ -20,24 +20,24 @@ EI = ("reconstruction", "event_integration")
 
 
 @pytest.mark.parametrize(
-    ("scene", "task", "method", "width", "cutoff_hz", "speed", "metric", "value"),
+    ("scene", "task", "method", "width", "cutoff_hz", "speed", "value"),
     [
-        ("carpet", *EI, 1280, INF, 2.0, "psnr_db", 24.101),
-        ("rocks", *EI, 128, 50.0, 2.0, "psnr_db", 14.627),
-        ("room", *EI, 346, 200.0, 4 / 3, "psnr_db", 26.806),
-        ("carpet", "video", "e2vid", 1280, 50.0, 1.0, "psnr_db", 10.050),
-        ("carpet", "video", "high_pass_filter", 240, 200.0, 2.0, "psnr_db", 11.512),
-        ("rocks", "flow", "photometric_flow", 1280, 50.0, 2.0, "rnepe_px", 7.59),
-        ("carpet", "flow", "photometric_flow", 1280, 50.0, 10.0, "rnepe_px", 3.75),
-        ("carpet", "flow", "contrast_maximization", 640, 50.0, 10.0, "rnepe_px", 3.09),
-        ("carpet", "flow", "contrast_maximization", 1280, 50.0, 10.0, "rnepe_px", 3.21),
-        ("carpet", "video", "e2vid", 240, 200.0, 4 / 3, "psnr_db", 12.129),
-        ("carpet", "video", "e2vid", 128, INF, 2.0, "psnr_db", 11.528),
-        ("carpet", "dense_flow", "eraft", 128, 50.0, 10.0, "rnepe_px", 7.97),
-        ("carpet", "dense_flow", "eraft", 640, 200.0, 4 / 3, "rnepe_px", 0.82),
-        ("carpet", "dense_flow", "eraft", 1280, INF, 1.0, "rnepe_px", 0.61),
-        ("carpet", "tracking", "photometric_tracking", 128, 50.0, 2.0, "position_error_mm", 193.6),
-        ("rocks", "tracking", "photometric_tracking", 1280, INF, 1.0, "position_error_mm", 0.953),
+        ("carpet", *EI, 1280, INF, 2.0, 24.101),
+        ("rocks", *EI, 128, 50.0, 2.0, 14.627),
+        ("room", *EI, 346, 200.0, 4 / 3, 26.806),
+        ("carpet", "video", "e2vid", 1280, 50.0, 1.0, 10.050),
+        ("carpet", "video", "high_pass_filter", 240, 200.0, 2.0, 11.512),
+        ("rocks", "flow", "photometric_flow", 1280, 50.0, 2.0, 7.59),
+        ("carpet", "flow", "photometric_flow", 1280, 50.0, 10.0, 3.75),
+        ("carpet", "flow", "contrast_maximization", 640, 50.0, 10.0, 3.09),
+        ("carpet", "flow", "contrast_maximization", 1280, 50.0, 10.0, 3.21),
+        ("carpet", "video", "e2vid", 240, 200.0, 4 / 3, 12.129),
+        ("carpet", "video", "e2vid", 128, INF, 2.0, 11.528),
+        ("carpet", "dense_flow", "eraft", 128, 50.0, 10.0, 7.97),
+        ("carpet", "dense_flow", "eraft", 640, 200.0, 4 / 3, 0.82),
+        ("carpet", "dense_flow", "eraft", 1280, INF, 1.0, 0.61),
+        ("carpet", "tracking", "photometric_tracking", 128, 50.0, 2.0, 193.6),
+        ("rocks", "tracking", "photometric_tracking", 1280, INF, 1.0, 0.953),
     ],
 )
 def test_a_cell_is_what_the_paper_printed(
@@ -47,11 +47,10 @@ def test_a_cell_is_what_the_paper_printed(
     width: int,
     cutoff_hz: float,
     speed: float,
-    metric: str,
     value: float,
 ) -> None:
     """Spot cells of every appendix table, from its corners."""
-    assert published(scene, task, method, width, cutoff_hz, speed, metric) == value
+    assert published(scene, task, method, width, cutoff_hz, speed) == value
 
 
 # tab:all_tasks_syn, the paper's Table 2: a row for each width; ideal, daytime and nighttime at base
@@ -80,9 +79,9 @@ TABLE_2 = {
     """,
 }
 TASKS_OF_TABLE_2 = (
-    (*EI, "psnr_db"),
-    ("flow", "photometric_flow", "rnepe_px"),
-    ("tracking", "photometric_tracking", "position_error_mm"),
+    EI,
+    ("flow", "photometric_flow"),
+    ("tracking", "photometric_tracking"),
 )
 
 
@@ -91,8 +90,8 @@ def test_base_speed_columns_agree_with_the_main_table(scene: str) -> None:
     """The appendix and the paper's Table 2 print the same numbers at base speed."""
     for width, line in zip(WIDTHS, TABLE_2[scene].strip().splitlines(), strict=True):
         columns = [(*task, cutoff) for task in TASKS_OF_TABLE_2 for cutoff in CUTOFFS_HZ]
-        for (task, method, metric, cutoff), number in zip(columns, line.split(), strict=False):
-            ours = published(scene, task, method, width, cutoff, 1.0, metric)
+        for (task, method, cutoff), number in zip(columns, line.split(), strict=False):
+            ours = published(scene, task, method, width, cutoff, 1.0)
             assert ours == float(number), (scene, task, width, cutoff)
 
 
@@ -113,7 +112,7 @@ def test_every_table_is_complete() -> None:
 def test_event_integration_is_complete() -> None:
     """Event integration has all 3 scenes x 5 widths x 3 cutoffs x 3 speeds."""
     cells = [
-        published(scene, *EI, width, cutoff, speed, "psnr_db")
+        published(scene, *EI, width, cutoff, speed)
         for scene in BASE_SPEED_M_PER_S
         for width in WIDTHS
         for cutoff in CUTOFFS_HZ
@@ -125,9 +124,9 @@ def test_event_integration_is_complete() -> None:
 
 def test_a_cell_that_the_paper_lacks_is_none() -> None:
     """A cell outside the paper is None, not an error and not a neighbor's number."""
-    assert published("carpet", *EI, 1280, INF, 10.0, "psnr_db") is None
-    assert published("carpet", *EI, 512, INF, 1.0, "psnr_db") is None
-    assert published("rocks", "video", "e2vid", 640, INF, 1.0, "psnr_db") is None
+    assert published("carpet", *EI, 1280, INF, 10.0) is None
+    assert published("carpet", *EI, 512, INF, 1.0) is None
+    assert published("rocks", "video", "e2vid", 640, INF, 1.0) is None
     assert source("reconstruction", "no_events", [1.0]) is None
 
 
@@ -137,8 +136,8 @@ def test_the_printed_margins_of_the_text_follow_from_the_table() -> None:
     def mean_margin(cutoff_hz: float) -> float:
         margins = []
         for scene in BASE_SPEED_M_PER_S:
-            fine = published(scene, *EI, 1280, cutoff_hz, 1.0, "psnr_db")
-            coarse = published(scene, *EI, 640, cutoff_hz, 1.0, "psnr_db")
+            fine = published(scene, *EI, 1280, cutoff_hz, 1.0)
+            coarse = published(scene, *EI, 640, cutoff_hz, 1.0)
             assert fine is not None
             assert coarse is not None
             margins.append(fine - coarse)

@@ -26,8 +26,8 @@ def test_there_are_162_numbers_with_their_conditions(table: dict[str, np.ndarray
     assert (first.picture, first.method, first.width, first.speed_m_per_s, first.value) == (
         "forest", "e2vid", 442, 0.2, 12.79,
     )  # fmt: skip
-    assert (last.picture, last.method, last.height, last.speed_m_per_s, last.value) == (
-        "split_rocks", "photometric_tracking", 671, 0.6, 78.91,
+    assert (last.picture, last.method, last.width, last.speed_m_per_s, last.value) == (
+        "split_rocks", "photometric_tracking", 1193, 0.6, 78.91,
     )  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def test_readings_are_apart_and_two_poles_come_first() -> None:
     for name, (scores,) in found.items():
         assert scores.photoreceptor == name
         assert [one.width for one in scores.sensors(EI)] == list(WIDTHS)
-    with pytest.raises(ResultError, match="found photoreceptors v2e and two_pole, expected one"):
+    with pytest.raises(ResultError, match="two rows of sample 0, item 0"):
         Scores(both_rows())
 
 

@@ -31,7 +31,7 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
     for width in WIDTHS:
         for cutoff in CUTOFFS_HZ:
             for speed in SPEEDS:
-                median = published("carpet", *EI[:2], width, cutoff, speed, EI.metric)
+                median = published("carpet", *EI[:2], width, cutoff, speed)
                 assert median is not None
                 for i in range(samples):
                     at = (width, cutoff, 0.2, speed, i, "psnr_db")
@@ -446,7 +446,7 @@ def test_a_damaged_study_is_named(tmp_path: Path, content: dict, said: str, eres
 def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
     """The report refuses a run with only do-nothing rows."""
     rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
-    with pytest.raises(ResultError, match="found only do-nothing rows"):
+    with pytest.raises(ResultError, match="has only do-nothing rows"):
         write_report(make_run(tmp_path, rows))
 
 

@@ -227,7 +227,7 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
     there = replace(flow, fast_methods=("initial_flow",), fast_scenes=("rocks",))
     assert _scenes(with_flow(study, there))
     mistyped = with_flow(study, replace(there, fast_scenes=("carpett",)))
-    with pytest.raises(StudyError, match="found no scene 'carpett'; did you mean 'carpet'"):
+    with pytest.raises(StudyError, match="no scene 'carpett'; did you mean 'carpet'"):
         run_study(mistyped, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
@@ -235,7 +235,7 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
 def test_a_scene_may_not_have_the_name_of_the_list_of_pictures(scene_folder, tmp_path):
     shutil.copytree(scene_folder, tmp_path / "index")
     study = replace(tiny_study(scene_folder), scenes=(str(tmp_path / "index"),))
-    with pytest.raises(StudyError, match=r"scenes: found .*/index, expected another name"):
+    with pytest.raises(StudyError, match=r"scenes: 'index' is reserved"):
         run_study(study, tmp_path / "run")
 
 
@@ -299,7 +299,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, render=replace(study.render, samples=1))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
-    with pytest.raises(StudyError, match="scenes: found 'alpha' and 'beta' with the same content"):
+    with pytest.raises(StudyError, match=r"alpha' and '.*beta' with the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
     for name in names:
         rows = run_study(replace(study, scenes=(name,)), tmp_path / "run")
@@ -483,7 +483,7 @@ def test_report_of_a_real_run(finished, scene_folder):
 def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     """Promise: the error for an impossible grid names the field, before any rendering."""
     study = tiny_study(scene_folder)
-    with pytest.raises(StudyError, match=r"simulate.widths: found 128 px, expected at most"):
+    with pytest.raises(StudyError, match=r"simulate.widths: found 128x128 px, finer than"):
         replace(study, simulate=replace(study.simulate, widths=(64, 128)))
     with pytest.raises(StudyError, match=r"simulate.speeds"):
         replace(study, simulate=replace(study.simulate, speeds=(0.0,)))
@@ -543,7 +543,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     damaged, unused = warnings_of_tasks(caplog)
     assert damaged.startswith(f"{first}: could not be read as a Parquet file")
     assert damaged.endswith("; the job is computed again")
-    assert unused.endswith("1 job of another study or version is not used")
+    assert unused.endswith("left out 1 job of another study or version")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
 
 

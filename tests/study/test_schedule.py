@@ -385,10 +385,10 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         with monkeypatch.context() as patch:
             asked_then_found = iter([other, here, here])
             patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
-            assert refusal(study) == f"found code of versions {here}, expected {other}"
+            assert refusal(study) == f"has code of versions {here}, expected {other}"
     with monkeypatch.context() as patch:
         patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
-        assert refusal(study).startswith("found other code of your own method")
+        assert refusal(study).startswith("your own method or weights differ")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
@@ -397,7 +397,7 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
             *(cluster_module, "load_scene"),
             lambda source, path: replace(load_scene(edited, path), source=source),
         )
-        assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
+        assert refusal(study).startswith(f"scene {scene_folder}: its files have digest ")
     assert not list((tmp_path / "run").rglob("*.parquet"))
 
 
@@ -423,14 +423,14 @@ def test_a_worker_reads_the_path_that_the_study_gives(
     write_poses(tmp_path, positions_m[::-1], [0.2 * k for k in range(6)])
     with (
         open_scheduler(one_worker.scheduler_address) as computing,
-        pytest.raises(StudyError, match="found files of digest"),
+        pytest.raises(StudyError, match="its files have digest"),
     ):
         list(computing.compute(jobs, lambda *_: None))
 
 
 def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
     """Promise: the run refuses workers that share a process, as two jobs would share a renderer."""
-    study, said = tiny_study(scene_folder), r"found 2 threads, .* start it with --nthreads 1"
+    study, said = tiny_study(scene_folder), r"2 threads; start it with --nthreads 1"
     with (
         local_cluster(n_workers=1, threads_per_worker=2, processes=False) as cluster,
         pytest.raises(StudyError, match=said),
@@ -441,7 +441,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
 @pytest.mark.parametrize(
     ("address", "text"),
     [
-        ("tcp://127.0.0.1:9", "found no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
+        ("tcp://127.0.0.1:9", "no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
         ("localhost", "found 'localhost', expected tcp://HOST:PORT"),
     ],
 )

@@ -287,7 +287,7 @@ def test_the_weights_of_a_study_are_in_its_keys(tmp_path):
     assert found[1][0] != found[2][0]
     assert found[1][1] == found[2][1]
     (tmp_path / "study.toml").write_text(STUDY.replace("e2vid =", "eraft ="))
-    with pytest.raises(WeightsError, match="found some of eraft, which is not in the study's"):
+    with pytest.raises(WeightsError, match="eraft is not among the study's"):
         read_study(tmp_path / "study.toml")
 
 

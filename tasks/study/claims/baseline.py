@@ -12,7 +12,7 @@ from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
 from tasks.study.results.asked import MetersPerSecond, sensor_of
 from tasks.study.results.cells import Condition
-from tasks.study.results.intervals import estimate
+from tasks.study.results.intervals import lead_over
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.scaling import Scaling
@@ -26,11 +26,12 @@ class BaselineClaim(Claim):
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
         """Count the cells in which each method is better."""
-        found = {one: _outcomes(scores, one) for one in shown_series(scores) if one.is_method}
-        counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
+        shown = [series for series in shown_series(scores) if series.is_method]
+        by_series = {series: _outcomes(scores, series) for series in shown}
+        counts = [scores.samples(s, scene) for s in shown for scene in scores.scenes(s)]
         scope = scope_text(samples=min(counts, default=None))
-        outcomes = [outcome for of_series in found.values() for outcome in of_series.values()]
-        ours = "\n".join(_text(*one) for one in found.items()) or "no rows of any method"
+        outcomes = [outcome for of_series in by_series.values() for outcome in of_series.values()]
+        ours = "\n".join(_text(*item) for item in by_series.items()) or "no rows of any method"
         return self.verdict(outcomes, ours, "not reported", scope)
 
 
@@ -58,11 +59,10 @@ def _outcomes(scores: Scores, series: Series) -> _Outcomes:
 
 
 def _outcome(scores: Scores, series: Series, where: Condition) -> Status:
-    cells = {"ours": scores.cell(series, where), "nothing": scores.baseline(series, where)}
-    if not all(cell.complete for cell in cells.values()):
+    ours, nothing = scores.cell(series, where), scores.baseline(series, where)
+    if not (ours.complete and nothing.complete):
         return Status.NOT_MEASURED
-    sign = TASKS[series.task].metric.sign
-    lead = estimate(lambda medians: medians.difference("ours", "nothing"), cells, sign=sign)
+    lead = lead_over(ours, nothing, TASKS[series.task].metric.sign)
     return settled(lead, above=True, bound=0.0)
 
 

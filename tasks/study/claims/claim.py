@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
@@ -59,12 +58,7 @@ class Claim(ABC):
         """
 
     def verdict(
-        self,
-        outcomes: Iterable[Status],
-        ours: str,
-        paper: str,
-        scope: str = "",
-        likeness: str = "",
+        self, outcomes: Iterable[Status], ours: str, paper: str, scope: str = "", likeness: str = ""
     ) -> Verdict:
         """Return the verdict that follows from outcomes.
 
@@ -97,8 +91,8 @@ class SceneClaim(Claim):
     scenes
         Scenes that the claim is about; () for all scenes of the run.
     beside
-        Differences of other series from `series`, such as {"method": "..."} or {"variant": "..."}.
-        Their numbers and whether the claim would hold are printed too, but do not decide.
+        Further series to print, each by its difference from `series`, such as {"method": "..."} or
+        {"variant": "..."}. They show whether the claim would hold there, but do not decide it.
     mean
         Name of a number; its mean over the scenes is printed too.
     """
@@ -128,30 +122,34 @@ class SceneClaim(Claim):
         Verdict
             It follows from one outcome for each scene that the claim is about.
         """
-        published = self._read(paper_scores(), self.series, {})
-        measured = any(one.status is not Status.NOT_MEASURED for one in published.scenes.values())
-        paper = self.paper or ("\n".join(published.lines) if measured else "not reported")
-        series, about = self.chosen(scores)
+        published, lines = self._read(paper_scores(), self.series, {})
+        unmeasured = Status.NOT_MEASURED
+        measured = any(reading.status is not unmeasured for reading in published.values())
+        paper = self.paper or ("\n".join(lines) if measured else "not reported")
+        series, scope = self.chosen(scores)
         if series is None:
-            return self.verdict((), about, paper)
-        found = self._read(scores, series, scaling)
-        outcomes = {scene: one.status for scene, one in found.scenes.items()}
-        judged = [scene for scene, one in outcomes.items() if one is not Status.NOT_MEASURED]
-        scope = about
-        if status_of(outcomes.values()) is not Status.NOT_MEASURED:
-            scope = f"{about} {self._scope(scores, series, judged)}".strip()
-        lines = found.lines
+            return self.verdict((), scope, paper)
+        readings, lines = self._read(scores, series, scaling)
+        outcomes = [reading.status for reading in readings.values()]
+        if status_of(outcomes) is not unmeasured:
+            judged = [
+                scene for scene, reading in readings.items() if reading.status is not unmeasured
+            ]
+            scope = f"{scope} {self._scope(scores, series, judged)}".strip()
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
             why = ", which is a network" if series.method in TASKS[series.task].networks else ""
             lines = [f"no rows of {series.name}{where}{why}", *lines]
-        return self.verdict(outcomes.values(), "\n".join(lines), paper, scope, _likeness(found))
+        likeness = _likeness([reading.like_paper for reading in readings.values()])
+        return self.verdict(outcomes, "\n".join(lines), paper, scope, likeness)
 
-    def _read(self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]) -> _Found:
-        """Read the numbers of each scene."""
-        found = _Found({}, [])
+    def _read(
+        self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
+    ) -> tuple[dict[str, NumberText], list[str]]:
+        """Read the numbers of each scene, and return them with lines of text."""
+        readings, lines = {}, []
         others = [series._replace(**change) for change in self.beside]
-        scenes = dict.fromkeys(scene for one in (series, *others) for scene in scores.scenes(one))
+        scenes = dict.fromkeys(scene for each in (series, *others) for scene in scores.scenes(each))
         for scene in scenes:
             if self.scenes and scene not in self.scenes:
                 continue
@@ -161,20 +159,19 @@ class SceneClaim(Claim):
                     reading = self._reading(on)
                 except NotMeasured as reason:
                     reading = NumberText(str(reason), Status.NOT_MEASURED)
-                found.scenes[scene] = reading
+                readings[scene] = reading
                 fails = reading.status is Status.DOES_NOT_HOLD
-                found.lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
+                lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
             for other in others:
                 with suppress(NotMeasured):
                     reading = self._reading(replace(on, series=other))
-                    found.lines.append(f"{scene}, {other.name}: {reading.text} ({reading.status})")
-        found.lines.extend(self._mean(scores, series))
-        return found
+                    lines.append(f"{scene}, {other.name}: {reading.text} ({reading.status})")
+        return readings, lines + self._mean(scores, series)
 
     @property
     def _cells(self) -> list[SceneCell]:
         """The cells that the numbers come from."""
-        numbers = [one for one in self.numbers.values() if isinstance(one, Number)]
+        numbers = [number for number in self.numbers.values() if isinstance(number, Number)]
         cells = {cell for number in numbers for cell in number.statistic.cells}
         return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
@@ -182,9 +179,9 @@ class SceneClaim(Claim):
         """Read the numbers of a scene, and judge it by them."""
         on.require(self._cells)
         readings = {name: read(on) for name, read in self.numbers.items()}
-        text = self.text.format_map({name: one.text for name, one in readings.items()})
-        compared = [one.like_paper for one in readings.values() if one.like_paper is not None]
-        status = status_of(one.status for one in readings.values())
+        text = self.text.format_map({name: read.text for name, read in readings.items()})
+        compared = [read.like_paper for read in readings.values() if read.like_paper is not None]
+        status = status_of(read.status for read in readings.values())
         return NumberText(text, status, all(compared) if compared else None)
 
     def _mean(self, scores: Scores, series: Series) -> list[str]:
@@ -192,36 +189,26 @@ class SceneClaim(Claim):
         number = self.numbers.get(self.mean)
         if not isinstance(number, Number):
             return []
-        scenes = [one for one in scores.scenes(series) if one in (self.scenes or [one])]
+        scenes = [name for name in scores.scenes(series) if name in (self.scenes or [name])]
         every = [SceneScores(scores, series, scene) for scene in scenes]
-        found = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
-        if len(found) < 2:
+        complete = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
+        if len(complete) < 2:
             return []
-        try:
-            mean = number.text_of(estimated(number.statistic, *found), found[0].metric)
-        except NotMeasured:
-            return []
-        return [f"mean of {len(found)} scenes: {mean}"]
+        with suppress(NotMeasured):
+            mean = number.text_of(estimated(number.statistic, *complete), complete[0].metric)
+            return [f"mean of {len(complete)} scenes: {mean}"]
+        return []
 
     def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:
         """Name the scenes if some are missing, and the samples if they are few."""
-        if not judged:
-            return ""
         claimed = self.scenes or paper_scores().scenes(self.series)
         few = min(scores.samples(series, scene) for scene in judged) if self._cells else None
         return scope_text(judged if set(claimed) - set(judged) else (), few)
 
 
-class _Found(NamedTuple):
-    """What was read: each scene, and lines of text."""
-
-    scenes: dict[str, NumberText]
-    lines: list[str]
-
-
-def _likeness(found: _Found) -> str:
-    """Say on how many scenes all numbers are like the paper's."""
-    compared = [one.like_paper for one in found.scenes.values() if one.like_paper is not None]
+def _likeness(scenes: Iterable[bool | None]) -> str:
+    """Say on how many scenes all numbers are like the paper's; None if they have no number."""
+    compared = [like_paper for like_paper in scenes if like_paper is not None]
     if not compared:
         return ""
     if len(compared) == 1:

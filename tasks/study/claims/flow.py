@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import (
@@ -35,11 +36,11 @@ from tasks.study.results.words import capitalized, cutoff_label
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")
 CONTRAST = Series("flow", "contrast_maximization", "rnepe_px")
 
+_photometric = partial(SceneClaim, series=PHOTOMETRIC)
+_contrast = partial(SceneClaim, series=CONTRAST, scenes=("carpet",))
+
 # The paper's search is first order and does not know C.
-_SEARCHES = (
-    {"method": "photometric_flow_unknown_contrast"},
-    {"method": "photometric_flow_by_descent"},
-)
+_SEARCHES = tuple({"method": f"photometric_flow_{n}"} for n in ("unknown_contrast", "by_descent"))
 _FAST = 10.0  # factor of the paper's 9 m/s on carpet
 UP_TO_2 = [(IDEAL, 1.0), *((cutoff_hz, speed) for cutoff_hz in (DAY, NIGHT) for speed in SPEEDS)]
 
@@ -104,11 +105,10 @@ def suffers_less(
 
 
 FLOW_CLAIMS: tuple[Claim, ...] = (
-    SceneClaim(
+    _photometric(
         number=12,
         title="Photometric flow in ideal light: 640 px is best",
         statement="With no cutoff, 640 px has the smallest error.",
-        series=PHOTOMETRIC,
         numbers=best_and_lead([640], IDEAL),
         text="best {best}, lead of 640 px {lead}",
         beside=_SEARCHES,
@@ -116,11 +116,10 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         "caption of the paper's appendix table says that ideal light favors high resolution. In "
         "the table 640 px is best in 9 of 9 cells, so we check that.",
     ),
-    SceneClaim(
+    _photometric(
         number=13,
         title="Photometric flow at 1280 px worsens as the light falls",
         statement="On carpet, the error at 1280 px rises from no cutoff to 200 Hz to 50 Hz.",
-        series=PHOTOMETRIC,
         scenes=("carpet",),
         numbers={
             "ideal": MedianOf(1280, IDEAL),
@@ -132,12 +131,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         beside=({"method": "photometric_flow_with_delay"},),
         note="At base speed.",
     ),
-    SceneClaim(
+    _photometric(
         number=14,
         title="Photometric flow at night: coarse wins on planes, fine in the room",
         statement="At 50 Hz, one of 128, 240, 346 and 640 px has a smaller error than 1280 px on "
         "carpet and rocks. In the room none of them has.",
-        series=PHOTOMETRIC,
         scenes=("carpet", "rocks", "room"),
         numbers={
             "best": Best(NIGHT),
@@ -151,13 +149,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         "night are about as large, so their order may mean nothing. The paper says that lower "
         "resolution is best at night “almost always”; in its Table 2 it is in 6 of 8 columns.",
     ),
-    SceneClaim(
+    _contrast(
         number=15,
         title="Contrast maximization: the finest sensor is best",
         statement="On carpet, 1280 px has the smallest error at every cutoff and speed up to "
         "1.8 m/s.",
-        series=CONTRAST,
-        scenes=("carpet",),
         numbers={
             "wins": _wins_of_finest,
             "lead": Number(smallest(*(lead([1280], *where) for where in UP_TO_2)), above=0),
@@ -165,13 +161,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         text="1280 px is best in {wins}; smallest lead {lead}",
         note="Ideal light counts once: there, ideal pixels send the same events at every speed.",
     ),
-    SceneClaim(
+    _contrast(
         number=16,
         title="Contrast maximization at 9 m/s and night: 640 beats 1280 px",
         statement="On carpet at ten times the base speed and 50 Hz, 640 px has a smaller error "
         "than 1280 px.",
-        series=CONTRAST,
-        scenes=("carpet",),
         numbers={
             "coarse": MedianOf(640, NIGHT, _FAST),
             "fine": MedianOf(1280, NIGHT, _FAST),

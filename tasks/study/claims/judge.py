@@ -47,9 +47,8 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     """
     if "recorded" in config:
         return (ON_RECORDINGS,)
-    every = scores.series()
-    scenes = {scene for one in every for scene in scores.scenes(one)}
-    if scenes and scenes <= set(PRINTS) and is_of_slider(config):
+    scenes = scores.scenes()
+    if scenes and {*scenes} <= {*PRINTS} and is_of_slider(config):
         return (ON_THE_SLIDER,)
     return CLAIMS if scores.asks_as_paper else TRAINING_CLAIMS
 
@@ -72,41 +71,36 @@ def judge_readings(
     (first, (shown, *_)), *others = readings.items()
     claims = claims_of(config, shown)
     verdicts = judge_all(shown, scaling, claims)
-    if claims is TRAINING_CLAIMS and {one.status for one in verdicts} == {Status.NOT_MEASURED}:
+    statuses = {verdict.status for verdict in verdicts}
+    if claims is TRAINING_CLAIMS and statuses == {Status.NOT_MEASURED}:
         claims, verdicts = (), []
-    without = {name: replace(one, intervals=()) for name, one in scaling.items()}
-    rest = {name: judge_all(found[0], without, claims) for name, found in others}
+    without = {scene: replace(numbers, intervals=()) for scene, numbers in scaling.items()}
+    rest = {name: judge_all(scores[0], without, claims) for name, scores in others}
     return {first: verdicts, **rest}
 
 
-def changed_verdicts(
-    verdicts: Mapping[str, Sequence[Verdict]],
-) -> list[tuple[Verdict, ...]]:
+def changed_verdicts(verdicts: Mapping[str, Sequence[Verdict]]) -> list[tuple[Verdict, ...]]:
     """Return the verdicts on each claim that are not the same with all photoreceptors.
 
     A claim that is not measured with one of them is left out.
     """
-    of_claims = list(zip(*verdicts.values(), strict=True))
-    statuses = [{one.status for one in of_claim} for of_claim in of_claims]
     return [
         of_claim
-        for of_claim, found in zip(of_claims, statuses, strict=True)
-        if len(found) > 1 and Status.NOT_MEASURED not in found
+        for of_claim in zip(*verdicts.values(), strict=True)
+        if len(statuses := {verdict.status for verdict in of_claim}) > 1
+        and Status.NOT_MEASURED not in statuses
     ]
 
 
 def judge_all(
-    rows: Iterable[Row] | Scores,
-    scaling: Mapping[str, Scaling],
-    claims: Iterable[Claim] = CLAIMS,
+    rows: Iterable[Row] | Scores, scaling: Mapping[str, Scaling], claims: Iterable[Claim] = CLAIMS
 ) -> list[Verdict]:
     """Judge claims, in the order of their numbers.
 
     Parameters
     ----------
     rows
-        The rows of a run, of which those of its first photoreceptor and contrast threshold count;
-        or scores.
+        Rows of a run, judged at its first photoreceptor and contrast threshold; or scores.
     scaling
         The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
     claims
@@ -120,8 +114,8 @@ def judge_all(
     Raises
     ------
     ResultError
-        As `Scores` raises it.
+        There are no rows, two are the same, or a task or metric is unknown.
     """
     scores = rows if isinstance(rows, Scores) else next(iter(by_photoreceptor(rows).values()))[0]
-    found = [claim.judge(scores, scaling) for claim in claims]
-    return sorted(found, key=lambda verdict: verdict.number)
+    verdicts = [claim.judge(scores, scaling) for claim in claims]
+    return sorted(verdicts, key=lambda verdict: verdict.number)

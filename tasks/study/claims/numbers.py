@@ -88,9 +88,8 @@ class SceneScores:
     def _missing_text(self, where: SceneCell) -> str:
         cell = self.cell(where)
         per_sample = "values" if len(cell.values) > cell.samples else "samples"
-        count = f" has {len(cell.values)} of {cell.expected} {per_sample}"
-        found = count if len(cell.values) else ""
-        return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{found}"
+        count = f" has {len(cell.values)} of {cell.expected} {per_sample}" * (len(cell.values) > 0)
+        return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{count}"
 
 
 def estimated(statistic: Statistic, *scenes: SceneScores) -> Interval:
@@ -130,15 +129,12 @@ def _of_parts(
     else:
         pick, tails = max, (low / len(statistic.parts), high)
     parts = [_of_parts(part, scenes, sign, tails) for part in statistic.parts]
+    extreme = pick(parts, key=lambda part: part.value)
     lows = [part.low for part in parts if part.low is not None]
     highs = [part.high for part in parts if part.high is not None]
-    extreme = pick(parts, key=lambda part: part.value)
-    return Interval(
-        extreme.value,
-        pick(lows) if len(lows) == len(parts) else None,
-        pick(highs) if len(highs) == len(parts) else None,
-        extreme.effective_samples,
-    )
+    if not lows:  # too few samples, in all parts
+        return extreme
+    return Interval(extreme.value, pick(lows), pick(highs), extreme.effective_samples)
 
 
 class NumberText(NamedTuple):
@@ -186,29 +182,29 @@ class Number:
     sign: str = "+"
 
     def __call__(self, on: SceneScores) -> NumberText:
-        found = estimated(self.statistic, on)
-        text = self.text_of(found, on.metric)
+        ours = estimated(self.statistic, on)
+        text = self.text_of(ours, on.metric)
         bound = self.below if self.above is None else self.above
         if bound is None:
             return NumberText(text)
         above = self.above is not None and on.scene not in self.below_on
         if on.published:
-            as_claimed = (found.value > bound) == above
+            as_claimed = (ours.value > bound) == above
             return NumberText(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
         doubt = ""
-        if found.low is not None and not found.settles(bound):
-            tied = found.low == found.high == bound  # as where all searches keep their starts
+        if ours.low is not None and not ours.settles(bound):
+            tied = ours.low == ours.high == bound  # as where all searches keep their starts
             doubt = ", tied in these samples" if tied else ", not settled by these samples"
-        status = settled(found, above=above, bound=bound)
-        return NumberText(text + doubt, status, self._like_paper(found, on))
+        status = settled(ours, above=above, bound=bound)
+        return NumberText(text + doubt, status, self._like_paper(ours, on))
 
-    def text_of(self, found: Interval, metric: Metric) -> str:
-        """Format an estimate of the number.
+    def text_of(self, interval: Interval, metric: Metric) -> str:
+        """Format the number with its interval.
 
         Parameters
         ----------
-        found
-            The estimate.
+        interval
+            The number with its interval.
         metric
             Its unit is printed if the number has none of its own.
 
@@ -217,7 +213,8 @@ class Number:
         str
             Value, interval and unit.
         """
-        return found.text(self.decimals, self.sign, metric.unit if self.unit is None else self.unit)
+        unit = metric.unit if self.unit is None else self.unit
+        return interval.text(self.decimals, self.sign, unit)
 
     def _like_paper(self, ours: Interval, on: SceneScores) -> bool | None:
         """Return whether the paper's number is within our interval."""

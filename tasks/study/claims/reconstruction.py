@@ -28,17 +28,13 @@ EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")
 HIGH_PASS = Series("video", "high_pass_filter", "psnr_db")
 E2VID = HIGH_PASS._replace(method="e2vid")
 
+_claim = partial(SceneClaim, series=EVENT_INTEGRATION)
 _times = partial(Number, unit="times", decimals=1, sign="")
 _DAY_MARGINS = [margin(1280, 640, DAY, speed) for speed in SPEEDS]
 _UPSAMPLINGS = tuple({"method": f"event_integration_{name}"} for name in ("bilinear", "nearest"))
 # Our networks, and the truth delayed or filtered as by the photoreceptor.
-_OTHER_VIDEO = tuple(
-    {"method": method}
-    for method in (
-        *("our_reconstruction_ideal_light", "our_reconstruction_all_light"),
-        *("late_truth", "filtered_truth"),
-    )
-)
+_OURS = "our_reconstruction_ideal_light", "our_reconstruction_all_light"
+_OTHER_VIDEO = tuple({"method": name} for name in (*_OURS, "late_truth", "filtered_truth"))
 ONE_VIDEO = (
     "The samples come from one video, so they are not independent and the intervals are too narrow."
 )
@@ -75,11 +71,10 @@ def _fine_then_coarse(
 
 
 RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
-    SceneClaim(
+    _claim(
         number=3,
         title="Ideal light: the finest sensor is best",
         statement="With no cutoff, 1280 px reconstructs best, well above 640 px.",
-        series=EVENT_INTEGRATION,
         numbers={
             **best_and_lead([1280], IDEAL),
             "margin": Number(margin(1280, 640, IDEAL), above=0),
@@ -90,12 +85,11 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         "dB. The table has 2.5 to 3.7 dB, and the text agrees with the table, so we compare with "
         "the table.",
     ),
-    SceneClaim(
+    _claim(
         number=4,
         title="Daylight: the finest sensor is best, by less",
         statement="At 200 Hz, 1280 px is still best, with a smaller margin over 640 px than in "
         "ideal light.",
-        series=EVENT_INTEGRATION,
         numbers={
             **best_and_lead([1280], DAY),
             "day": Number(margin(1280, 640, DAY), above=0),
@@ -108,32 +102,29 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         beside=_UPSAMPLINGS,
         note=_IMAGE_SPEED,
     ),
-    SceneClaim(
+    _claim(
         number=5,
         title="Ideal light: speed does not matter",
         statement="With no cutoff, the score of each width changes by at most 0.02 dB over the "
         "three speeds.",
-        series=EVENT_INTEGRATION,
         numbers={"spread": Number(largest(*_SPREADS), below=0.02, decimals=3, sign="")},
         text="{spread}",
         note="The number is the largest change of any width.",
     ),
-    SceneClaim(
+    _claim(
         number=6,
         title="Night: an inner resolution is best",
         statement="At 50 Hz the best width is 240, 346 or 640 px, neither the coarsest nor the "
         "finest.",
-        series=EVENT_INTEGRATION,
         numbers=best_and_lead([240, 346, 640], NIGHT),
         text="best {best}; inner widths over 128 and 1280 px {lead}",
         note="At base speed. The number compares the best inner width with the better of 128 and "
         "1280 px.",
     ),
-    SceneClaim(
+    _claim(
         number=7,
         title="Finer sensors lose more when the light falls",
         statement="The loss from no cutoff to 50 Hz grows with resolution.",
-        series=EVENT_INTEGRATION,
         numbers={
             "slope": Number(slope(_LOSSES), above=0, unit="dB per doubling"),
             "coarse": Number(_LOSSES[0], decimals=1, sign=""),
@@ -142,12 +133,11 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         text="{slope}; {coarse} lost at 128 px, {fine} at 1280 px",
         note="The slope is that of a least-squares line of the loss over log2 of the width.",
     ),
-    SceneClaim(
+    _claim(
         number=8,
         title="The event rate outgrows the pixel count",
         statement="1280 px has 4 times the pixels of 640 px and fires more than 4 times the "
         "events, so each pixel fires more.",
-        series=EVENT_INTEGRATION,
         numbers={
             "ideal": _times(event_rate(1280, IDEAL) / event_rate(640, IDEAL), above=4, in_words=8),
             "day": _times(event_rate(1280, DAY) / event_rate(640, DAY), above=4, in_words=6),
@@ -156,12 +146,11 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         paper="ideal about 8 times, day about 6 times",
         note="The numbers are ratios of the median event rates of the whole sensor, at base speed.",
     ),
-    SceneClaim(
+    _claim(
         number=9,
         title="Daylight: the margin shrinks with speed",
         statement="At 200 Hz, the margin of 1280 over 640 px falls from each speed to the next, "
         "and is positive at all of them.",
-        series=EVENT_INTEGRATION,
         numbers={
             "slow": Number(_DAY_MARGINS[0], above=0, unit=""),
             "middle": Number(_DAY_MARGINS[1], above=0, unit=""),

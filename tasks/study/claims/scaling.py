@@ -28,8 +28,8 @@ def _exponent(slopes: Slopes) -> NumberText:
     """Read the exponent γ of |L_t| ~ 1/p^γ, which must be positive."""
     if slopes.law is None:
         raise NotMeasured("not measured, nothing moves between the clip's last two frames")
-    found = Interval(slopes.law.exponent, slopes.law.low, slopes.law.high)
-    return NumberText(found.text(sign=""), settled(found, above=True, bound=0.0))
+    exponent = Interval(slopes.law.exponent, slopes.law.low, slopes.law.high)
+    return NumberText(exponent.text(sign=""), settled(exponent, above=True, bound=0.0))
 
 
 def _pixel_rates(on: SceneScores) -> NumberText:

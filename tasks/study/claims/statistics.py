@@ -26,8 +26,8 @@ class SceneCell(NamedTuple):
     width: int  # px
     cutoff_hz: float
     speed: float = 1.0  # factor on the base speed
-    method: str = ""  # "" is the method that the claim is about
-    task: str = ""  # task of the method; "" is that of the claim
+    method: str = ""  # "" for the claim's
+    task: str = ""  # task of the method; "" for the claim's
 
 
 PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
@@ -44,9 +44,8 @@ class Extreme(Enum):
 class Statistic:
     """A number made of medians.
 
-    Differences are paired: if both sides are medians of a quantity per value of one method, their
-    difference is the median of the differences at each sample and item. Everything else combines
-    medians.
+    Differences are paired: where both sides are medians of one method's values, the difference is
+    the median of the differences at each sample and item. All other operations combine medians.
 
     Attributes
     ----------
@@ -55,14 +54,14 @@ class Statistic:
     of
         Function from the medians to an array of their shape.
     each
-        If the statistic is the median of a quantity per value: the function from the values of the
-        cells to that quantity, (N,).
+        For the median of a quantity per value: the function from the values of the cells to that
+        quantity, (N,).
     positive
-        Whether no median may be 0, because of a division or a logarithm.
+        Whether all values must be positive, because of a division or a logarithm.
     of_rates
-        Whether the medians are those of event rates, not of scores.
+        Whether the medians are of event rates, not of scores.
     parts, extreme
-        If the statistic is the smallest or the largest of others: those others, and which. Its
+        For the smallest or the largest of several statistics: these, and which of the two. The
         interval follows from theirs.
     """
 
@@ -75,12 +74,12 @@ class Statistic:
     extreme: Extreme | None = None
 
     def __sub__(self, other: Statistic) -> Statistic:
-        one, two = self.each, other.each
+        mine, theirs = self.each, other.each
         cells = tuple(dict.fromkeys((*self.cells, *other.cells)))
         of_one_kind = len({cell.method for cell in cells}) == 1 and self.of_rates == other.of_rates
-        if one is None or two is None or not of_one_kind:
+        if mine is None or theirs is None or not of_one_kind:
             return _combined(np.subtract, self, other)
-        return _per_value(cells, lambda at: one(at) - two(at), self.of_rates)
+        return _per_value(cells, lambda at: mine(at) - theirs(at), self.of_rates)
 
     def __truediv__(self, other: Statistic) -> Statistic:
         return _combined(np.divide, self, other, positive=True)
@@ -115,9 +114,9 @@ def median(
     speed
         Factor on the base speed.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
     task
-        Its task; "" for that of the claim.
+        Task of the method; "" for the claim's.
 
     Returns
     -------
@@ -200,7 +199,7 @@ def lead(
     speed
         Factor on the base speed.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
 
     Returns
     -------
@@ -209,7 +208,7 @@ def lead(
     """
     first = [median(width, cutoff_hz, speed, method) for width in widths]
     rest = [median(width, cutoff_hz, speed, method) for width in WIDTHS if width not in widths]
-    return largest(*(smallest(*(one - other for other in rest)) for one in first))
+    return largest(*(smallest(*(width - other for other in rest)) for width in first))
 
 
 def growth(width: int, method: str = "", task: str = "") -> Statistic:
@@ -220,9 +219,9 @@ def growth(width: int, method: str = "", task: str = "") -> Statistic:
     width
         Sensor width, px.
     method
-        Another method than that of the claim; "" for that of the claim.
+        Name of the method; "" for the claim's.
     task
-        Its task; "" for that of the claim.
+        Task of the method; "" for the claim's.
 
     Returns
     -------
@@ -235,20 +234,14 @@ def growth(width: int, method: str = "", task: str = "") -> Statistic:
 
 def smallest(*statistics: Statistic) -> Statistic:
     """Return the smallest of several statistics."""
-    return replace(_combined(_smallest, *statistics), extreme=Extreme.SMALLEST, parts=statistics)
+    combined = _combined(lambda *values: np.min(values, axis=0), *statistics)
+    return replace(combined, extreme=Extreme.SMALLEST, parts=statistics)
 
 
 def largest(*statistics: Statistic) -> Statistic:
     """Return the largest of several statistics."""
-    return replace(_combined(_largest, *statistics), extreme=Extreme.LARGEST, parts=statistics)
-
-
-def _smallest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.min(values, axis=0)
-
-
-def _largest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.max(values, axis=0)
+    combined = _combined(lambda *values: np.max(values, axis=0), *statistics)
+    return replace(combined, extreme=Extreme.LARGEST, parts=statistics)
 
 
 def smallest_fall(*statistics: Statistic) -> Statistic:
@@ -258,7 +251,7 @@ def smallest_fall(*statistics: Statistic) -> Statistic:
 
 def spread(*statistics: Statistic) -> Statistic:
     """Return the largest difference between two of several statistics."""
-    return largest(*(one - other for one, other in permutations(statistics, 2)))
+    return largest(*(first - second for first, second in permutations(statistics, 2)))
 
 
 def log2(statistic: Statistic) -> Statistic:

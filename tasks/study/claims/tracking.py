@@ -30,8 +30,8 @@ class TrackingClaim(SceneClaim):
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
         """Return the judged perturbation; if there is none, say how often each one succeeds."""
-        found = sweep(scores, TRACKING.method)
-        rates = {one: share_text(ideal_success(scores, one)) for one in found}
+        sigmas = sweep(scores, TRACKING.method)
+        rates = {series: share_text(ideal_success(scores, series)) for series in sigmas}
         if not rates:
             return None, f"no rows of {TRACKING.name}"
         series = judged_series(scores)
@@ -42,7 +42,7 @@ class TrackingClaim(SceneClaim):
         if set(rates.values()) == {MISSING}:
             return None, f"no trials of {TRACKING.name} in ideal light at base speed"
         if series is None:
-            tried = ", ".join(f"{one.variant} {rate}" for one, rate in rates.items())
+            tried = ", ".join(f"{tested.variant} {rate}" for tested, rate in rates.items())
             return None, f"not measured, no perturbation succeeds {often}: {tried}"
         return series, (
             f"Judged at a perturbation of {series.variant}, the largest that succeeds at least "

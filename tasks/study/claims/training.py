@@ -3,6 +3,8 @@ the events they learned from."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import (
     Best,
@@ -50,23 +52,20 @@ def _overcomes(title: str, statement: str, series: Series, twin: str, note: str)
 
 def _over_twin(twin: str, cutoff_hz: float) -> Statistic:
     """Return how much better the network is than its twin, on the same images."""
-    one, other = (median(1280, cutoff_hz, method=method).cells[0] for method in ("", twin))
-    return Statistic((one, other), lambda medians: medians.difference(one, other))
+    cell, other = (median(1280, cutoff_hz, method=method).cells[0] for method in ("", twin))
+    return Statistic((cell, other), lambda medians: medians.difference(cell, other))
 
 
 def _other_nights(on: SceneScores, twin: str) -> NumberText:
     """Read the same numbers in further low lights, of those that were measured."""
-    found = []
+    text = ""
     for cutoff_hz in _OTHER_NIGHTS_HZ:
         numbers = lead([1280], cutoff_hz), _over_twin(twin, cutoff_hz)
-        try:
-            for one in numbers:
-                on.require(one.cells)
-            ahead, gain = (estimated(one, on).text(unit=on.metric.unit) for one in numbers)
-        except NotMeasured:
-            continue
-        found.append(f"; {cutoff_hz:g} Hz: lead of 1280 px {ahead}, over the twin {gain}")
-    return NumberText("".join(found))
+        with suppress(NotMeasured):
+            on.require(cell for number in numbers for cell in number.cells)
+            ahead, gain = (estimated(number, on).text(unit=on.metric.unit) for number in numbers)
+            text += f"; {cutoff_hz:g} Hz: lead of 1280 px {ahead}, over the twin {gain}"
+    return NumberText(text)
 
 
 TRAINING_CLAIMS: tuple[Claim, ...] = (

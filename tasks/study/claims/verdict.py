@@ -48,12 +48,12 @@ class Verdict:
     likeness: str = ""
 
 
-def threshold_note(found: Sequence[Scores]) -> str:
+def threshold_note(scores: Sequence[Scores]) -> str:
     """Say at which contrast threshold the claims are judged.
 
     Parameters
     ----------
-    found
+    scores
         The scores of a run at each of its thresholds; the claims are judged at the first.
 
     Returns
@@ -61,12 +61,11 @@ def threshold_note(found: Sequence[Scores]) -> str:
     str
         "" if it is the paper's threshold and the only one.
     """
-    judged = found[0].contrast_threshold
-    if judged == CONTRAST_THRESHOLD:
-        if not found[1:]:
-            return ""
-        whose = ", that of the paper's sensors"
-    else:
+    judged = scores[0].contrast_threshold
+    if judged == CONTRAST_THRESHOLD and not scores[1:]:
+        return ""
+    whose = ", that of the paper's sensors"
+    if judged != CONTRAST_THRESHOLD:
         whose = f"; the paper's sensors have {CONTRAST_THRESHOLD:g}"
     return f"Judged at a contrast threshold of {judged:g}{whose}."
 
@@ -86,6 +85,6 @@ def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
 
 def status_of(outcomes: Iterable[Status]) -> Status:
     """Combine the outcomes on scenes, in cells or of numbers."""
-    found = set(outcomes)
+    statuses = set(outcomes)
     by_weight = (Status.DOES_NOT_HOLD, Status.NOT_MEASURED, Status.UNDECIDED, Status.HOLDS)
-    return next((status for status in by_weight if status in found), Status.NOT_MEASURED)
+    return next((status for status in by_weight if status in statuses), Status.NOT_MEASURED)

@@ -57,9 +57,7 @@ class FinishedRun:
     @cached_property
     def scenes(self) -> list[str]:
         """Return the scenes of all series, in the order of the rows."""
-        return list(
-            dict.fromkeys(s for one in self.scores.series() for s in self.scores.scenes(one))
-        )
+        return self.scores.scenes()
 
     @property
     def question(self) -> str:
@@ -97,7 +95,7 @@ class FinishedRun:
 
         A sensor without a bus has the fastest of real cameras up to the finest sensor.
         """
-        sensors = sorted({sensor for one in self.series for sensor in self.scores.sensors(one)})
+        sensors = sorted({sensor for s in self.series for sensor in self.scores.sensors(s)})
         usual = usual_bus_hz(sensors[-1].width)
         return {sensor: self.scores.buses_hz.get(sensor, usual) for sensor in sensors}
 
@@ -114,7 +112,7 @@ class FinishedRun:
     @property
     def firsts(self) -> list[Series]:
         """Return the first series of each task."""
-        return list({one.task: one for one in reversed(self.series)}.values())[::-1]
+        return list({s.task: s for s in reversed(self.series)}.values())[::-1]
 
     @cached_property
     def sample_counts(self) -> list[int]:
@@ -125,12 +123,11 @@ class FinishedRun:
     @cached_property
     def scaling(self) -> dict[str, Scaling]:
         """Return the scaling statistics by scene, in the lights of the study."""
-        return {
-            scene: replace(
-                one, intervals=tuple(replace(i, cutoff_hz=self._light_of(i)) for i in one.intervals)
-            )
-            for scene, one in read_scaling(self.folder / "scaling", self.config.get("jobs")).items()
-        }
+        scaling = read_scaling(self.folder / "scaling", self.config.get("jobs"))
+        for scene, of_scene in scaling.items():
+            intervals = (replace(i, cutoff_hz=self._light_of(i)) for i in of_scene.intervals)
+            scaling[scene] = replace(of_scene, intervals=tuple(intervals))
+        return scaling
 
     @cached_property
     def timings(self) -> list[JobTimings]:
@@ -142,23 +139,23 @@ class FinishedRun:
         """Return the pictures of each scene, by falling cutoff, then rising speed and sensor."""
         index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
-        found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
+        pictures: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
         lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]
-        for entry in sorted(lit, key=lambda one: (-one.cutoff_hz, one.speed, sensor_of(one))):
-            found[entry.scene].append(entry)
-        return found
+        for entry in sorted(lit, key=lambda each: (-each.cutoff_hz, each.speed, sensor_of(each))):
+            pictures[entry.scene].append(entry)
+        return pictures
 
-    def _light_of(self, one: InLight) -> float:
+    def _light_of(self, entry: InLight) -> float:
         """Return the light of a picture or a histogram, as in `Condition`."""
-        if one.illuminance_lux:
-            return light_of(one)
-        return self._lights.get(f"{one.cutoff_hz:g}", one.cutoff_hz)
+        if entry.illuminance_lux:
+            return light_of(entry)
+        return self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
 
     @cached_property
     def _lights(self) -> dict[str, float]:
         """Return the lights by cutoff to six digits, all that older runs have of lux."""
         scores = self.scores
-        return {f"{hz:g}": hz for one in scores.series() for hz in scores.cutoffs_hz(one)}
+        return {f"{hz:g}": hz for series in scores.series() for hz in scores.cutoffs_hz(series)}
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
@@ -196,11 +193,9 @@ def read_run(folder: Path, *others: Path) -> FinishedRun:
         Folders of runs of the same study with other weights of its networks; their scores join
         those of the first, and all else is that of the first.
     """
-    (_, found), *further = scores_of_run(folder, *others).items()
+    (_, scores), *further = scores_of_run(folder, *others).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_config(folder)
-    if not found[0].series():
-        raise ResultError(
-            f"{folder / 'rows.parquet'}: found only do-nothing rows, expected rows of a method"
-        )
-    return FinishedRun(folder, found, environment, config, dict(further))
+    if not scores[0].series():
+        raise ResultError(f"{folder / 'rows.parquet'}: has only do-nothing rows, none of a method")
+    return FinishedRun(folder, scores, environment, config, dict(further))

@@ -121,11 +121,11 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
             f"{run.folder}: found {len(page) / 1e6:.1f} MB of report, expected at most "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
-    others = {f"tables_{name}": found for name, found in run.others.items()}
-    for name, found in {"tables": run.found, **others}.items():
-        tables = [comparison_table(one, series) for one in found for series in one.series()]
+    others = {f"tables_{name}": scores for name, scores in run.others.items()}
+    for name, scores in {"tables": run.found, **others}.items():
+        tables = [comparison_table(each, series) for each in scores for series in each.series()]
         write_text(run.folder / f"{name}.csv", to_csv(tables))
-    for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
+    for name in {f"tables_{kind}" for kind in PHOTORECEPTORS} - others.keys():
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     figures = run.folder / "figures"
     # Of our methods, the run may no longer have some; a file of another name may be the user's.

@@ -151,7 +151,7 @@ def plot(
     shown = [place for panel in panels for place in _places(panel)]
     include_x = () if limit is None else (limit.x,)
     widths = [*(x for x, _ in shown), *include_x] or [1.0]
-    of_panels = [[*(y for _, y in _places(one)), *one.references] for one in panels]
+    of_panels = [[*(y for _, y in _places(panel)), *panel.references] for panel in panels]
     reached = [*(y for heights in of_panels for y in heights), *include_y] or [1.0]
     log_y = log_y and min(reached) > 0
     y_ticks = (_log_ticks if log_y else _even_ticks)(min(reached), max(reached))
@@ -162,8 +162,8 @@ def plot(
 
 
 def _places(panel: Panel) -> list[Place]:
-    found = [(point.x, point.y) for line in panel.lines for point in line.points]
-    return found + [place for line in panel.lines for place in line.path or ()]
+    places = [(point.x, point.y) for line in panel.lines for point in line.points]
+    return places + [place for line in panel.lines for place in line.path or ()]
 
 
 def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> bool:
@@ -194,8 +194,8 @@ def sensor_keys(sensors: Iterable[SensorId], *, labeled: bool = False) -> list[K
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))
     return [
-        Key(one.label, color, mark, str(one) if labeled else "")
-        for one, (color, mark) in zip(sensors, looks, strict=False)
+        Key(sensor.label, color, mark, str(sensor) if labeled else "")
+        for sensor, (color, mark) in zip(sensors, looks, strict=False)
     ]
 
 

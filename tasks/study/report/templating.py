@@ -10,14 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
-from tasks.study.report.sections import (
-    failures,
-    matrix,
-    scaling,
-    threshold,
-    timings,
-    tradeoff,
-)
+from tasks.study.report.sections import failures, matrix, scaling, threshold, timings, tradeoff
 from tasks.study.results import asked, comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import BRACKETS
@@ -47,9 +40,9 @@ for _module in (
     *(asked, comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {
-        name: one
-        for name, one in vars(_module).items()
-        if isfunction(one) and one.__module__ == _module.__name__
+        name: value
+        for name, value in vars(_module).items()
+        if isfunction(value) and value.__module__ == _module.__name__
     }
 TEMPLATES.filters["asdict"] = asdict
 TEMPLATES.policies["json.dumps_kwargs"] = {"ensure_ascii": False}

@@ -71,14 +71,14 @@ class MetersPerSecond(float):
         return hash((MetersPerSecond, float(self)))
 
 
-def sensor_of(one: OfSensor) -> SensorId:
+def sensor_of(each: OfSensor) -> SensorId:
     """Return the sensor of a row, a condition, a picture or a histogram."""
-    return SensorId(one.width, one.sensor)
+    return SensorId(each.width, each.sensor)
 
 
-def light_of(one: InLight) -> float:
+def light_of(each: InLight) -> float:
     """Return the light of a row or a setting: its cutoff, as `CutoffInLux` if there is lux."""
-    return CutoffInLux(one.illuminance_lux) if one.illuminance_lux else one.cutoff_hz
+    return CutoffInLux(each.illuminance_lux) if each.illuminance_lux else each.cutoff_hz
 
 
 def lux_of(light: float) -> float:

@@ -10,8 +10,8 @@ from sensor.cameras import camera_names, find_camera
 def capacities_hz(widest: float = math.inf) -> list[float]:
     """Return the distinct bus capacities of cameras up to a width, events/s, ascending."""
     cameras = map(find_camera, camera_names())
-    narrow = [one for one in cameras if one.width is not None and one.width <= widest]
-    return sorted({one.bus_hz for one in narrow} - {math.inf})
+    narrow = [camera for camera in cameras if camera.width is not None and camera.width <= widest]
+    return sorted({camera.bus_hz for camera in narrow} - {math.inf})
 
 
 def usual_bus_hz(width: int) -> float:

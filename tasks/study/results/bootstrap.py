@@ -15,10 +15,7 @@ DRAWS = 2000
 
 
 def resampled_medians(
-    values: NDArray[np.float64],  # (N,)
-    sample: NDArray[np.int64],  # (N,) index of each value's sample, 0 to S - 1
-    training: NDArray[np.int64],  # (N,) index of each value's training, 0 to T - 1
-    seed: str,
+    values: NDArray[np.float64], sample: NDArray[np.int64], training: NDArray[np.int64], seed: str
 ) -> NDArray[np.float64]:
     """Return medians over samples and trainings, both drawn with replacement.
 
@@ -42,17 +39,12 @@ def resampled_medians(
         One median per draw.
     """
     order = np.argsort(values, kind="stable")
-    trainings = int(training.max()) + 1
-    return _weighted_medians(
-        *(values[order], sample[order], training[order]),
-        _counts(seed, int(sample.max()) + 1),
-        _counts("trainings", trainings),
-    )
+    counts = _counts(seed, int(sample.max()) + 1)
+    of_trainings = _counts("trainings", int(training.max()) + 1)
+    return _weighted_medians(values[order], sample[order], training[order], counts, of_trainings)
 
 
-def effective_samples(
-    values: NDArray[np.float64],  # (N,)
-) -> float:
+def effective_samples(values: NDArray[np.float64]) -> float:
     """Return how many independent samples N samples along one path are worth.
 
     Parameters

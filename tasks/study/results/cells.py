@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,14 +82,9 @@ class Cell:
     def of_sample(self, sample: int) -> Cell:
         """Return the values of one sample."""
         here = self.sample == sample
-        return replace(
-            self,
-            values=self.values[here],
-            event_rates_hz=self.event_rates_hz[here],
-            failed=self.failed[here],
-            sample=self.sample[here],
-            training=self.training[here],
-        )
+        names = "values", "event_rates_hz", "failed", "sample", "training"
+        chosen: dict[str, Any] = {name: getattr(self, name)[here] for name in names}
+        return replace(self, **chosen)
 
     @cached_property
     def event_rate_hz(self) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL, Metric
@@ -11,7 +11,7 @@ from tasks.registry import TASKS
 from tasks.study.results.asked import MetersPerSecond, SensorId
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.intervals import estimate
+from tasks.study.results.intervals import lead_over
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
@@ -33,11 +33,11 @@ class Pick:
     best: SensorId
     enough: SensorId
     worthwhile: bool
-    gaining: frozenset[SensorId]
+    gaining: frozenset[SensorId]  # those that beat doing nothing
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class Choice(Pick):
     """Best sensor under one condition, and the smallest that is as good.
 
     Attributes
@@ -54,9 +54,6 @@ class Choice:
     """
 
     event_rates_hz: Mapping[SensorId, float]
-    best: SensorId
-    enough: SensorId
-    worthwhile: bool
     tied: SensorId | None
     on_buses: Mapping[float, SensorId | None]
     paper: SensorId | None
@@ -72,7 +69,7 @@ def choose(
     scene: str,
     cutoff_hz: float,
     speed: float,
-    among: Callable[[SensorId], bool] = bool,
+    without: Collection[SensorId] = (),
 ) -> Choice | None:
     """Choose a sensor for one condition.
 
@@ -82,72 +79,62 @@ def choose(
         Photoreceptor cutoff, Hz.
     """
     metric = TASKS[series.task].metric
-    sign = metric.sign
-    cells = {}
-    medians: dict[SensorId, float] = {}
-    rates: dict[SensorId, float] = {}
-    nothing: dict[SensorId, float] = {}
-    printed: dict[SensorId, float] = {}
-    for sensor in filter(among, scores.sensors(series, scene)):
-        condition = Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
-        if (median := scores.published(series, condition)) is not None:
-            printed[sensor] = median
-        if (idle := scores.baseline(series, condition).median) is not None:
-            nothing[sensor] = idle
-        cell = scores.cell(series, condition)
-        if cell.median is None or cell.event_rate_hz is None:
-            return None
-        cells[sensor], medians[sensor], rates[sensor] = cell, cell.median, cell.event_rate_hz
+    sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
+    places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+    cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
+    medians = known({sensor: cell.median for sensor, cell in cells.items()})
+    rates = known({sensor: cell.event_rate_hz for sensor, cell in cells.items()})
+    if len(medians) < len(cells):
+        return None
+    nothing = known({sensor: scores.baseline(series, at).median for sensor, at in places.items()})
+    printed = known({sensor: scores.published(series, at) for sensor, at in places.items()})
     picked = pick(medians, nothing, metric)
     on_buses: dict[float, SensorId | None] = {}
     for capacity_hz in capacities_hz():
-        carried = {one: median for one, median in medians.items() if rates[one] <= capacity_hz}
-        found = pick(carried, nothing, metric) if carried else None
-        on_buses[capacity_hz] = found.enough if found and found.worthwhile else None
+        carried = {s: median for s, median in medians.items() if rates[s] <= capacity_hz}
+        on_bus = pick(carried, nothing, metric) if carried else None
+        on_buses[capacity_hz] = on_bus.enough if on_bus and on_bus.worthwhile else None
     best = cells[picked.best]
-    smaller = [one for one in cells if one.width < picked.enough.width and one in picked.gaining]
+    smaller = [s for s in cells if s.width < picked.enough.width and s in picked.gaining]
     if best.samples < MIN_SAMPLES_FOR_INTERVAL:
         smaller = []
-    return Choice(
-        event_rates_hz=rates,
-        best=picked.best,
-        enough=picked.enough,
-        worthwhile=picked.worthwhile,
-        tied=next((one for one in smaller if _tied(best, cells[one], sign)), None),
-        on_buses=on_buses,
-        paper=pick(printed, {}, metric).enough if len(printed) == len(medians) else None,
-    )
+    tied = next((s for s in smaller if _tied(best, cells[s], metric.sign)), None)
+    paper = pick(printed, {}, metric).enough if len(printed) == len(medians) else None
+    rule = picked.best, picked.enough, picked.worthwhile, picked.gaining
+    return Choice(*rule, rates, tied, on_buses, paper)
+
+
+def known(values: Mapping[SensorId, float | None]) -> dict[SensorId, float]:
+    """Return the values that are not None."""
+    return {sensor: value for sensor, value in values.items() if value is not None}
 
 
 def pick(
     medians: Mapping[SensorId, float], nothing: Mapping[SensorId, float], metric: Metric
 ) -> Pick:
     """Apply the rule to median scores."""
-
-    def gain(one: SensorId) -> float:
-        return metric.sign * (medians[one] - nothing[one]) if one in nothing else math.inf
-
-    best = max(sorted(medians), key=lambda one: metric.sign * medians[one])
-    worthwhile = gain(best) > metric.negligible
-    near = [one for one in medians if abs(medians[best] - medians[one]) <= metric.negligible]
+    sign = metric.sign
+    gains = {s: sign * (m - nothing[s]) if s in nothing else math.inf for s, m in medians.items()}
+    best = max(sorted(medians), key=lambda sensor: sign * medians[sensor])
+    worthwhile = gains[best] > metric.negligible
+    near = [s for s, median in medians.items() if abs(medians[best] - median) <= metric.negligible]
     enough = min(
-        (one for one in near if not worthwhile or gain(one) > 0),
-        key=lambda one: (one.width, -metric.sign * medians[one], one.name),
+        (sensor for sensor in near if not worthwhile or gains[sensor] > 0),
+        key=lambda sensor: (sensor.width, -sign * medians[sensor], sensor.name),
     )
-    return Pick(best, enough, worthwhile, frozenset(one for one in medians if gain(one) > 0))
+    return Pick(best, enough, worthwhile, frozenset(s for s, gain in gains.items() if gain > 0))
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:
     """Return whether the interval of the paired difference is not above zero."""
-    cells = {"best": best, "other": other}
-    lead = estimate(lambda medians: medians.difference("best", "other"), cells, sign=sign)
-    return lead.low is None or lead.low <= 0
+    low = lead_over(best, other, sign).low
+    return low is None or low <= 0
 
 
-def choose_all(scores: Scores, series: Series, among: Callable[[SensorId], bool] = bool) -> Choices:
+def choose_all(scores: Scores, series: Series, without: Collection[SensorId] = ()) -> Choices:
     """Choose a sensor for every condition of a series."""
     return {
-        (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed, among)
+        (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed, without)
         for scene in scores.scenes(series)
         for cutoff in scores.cutoffs_hz(series)
         for speed in scores.speeds(series, scene)
@@ -166,7 +153,7 @@ def answered(choices: Choices) -> list[tuple[float, float]]:
     ]
     common = set.intersection(*conditions) or set.union(*conditions)
     # A study in m/s may have flow at a factor as well, which is faster.
-    common = {one for one in common if isinstance(one[1], MetersPerSecond)} or common
+    common = {at for at in common if isinstance(at[1], MetersPerSecond)} or common
     slowest = min(speed for _, speed in common)
-    lights = sorted((one for one in common if one[1] == slowest), reverse=True)
-    return list(dict.fromkeys([*lights, min(common, key=lambda one: (one[0], -one[1]))]))
+    lights = sorted((at for at in common if at[1] == slowest), reverse=True)
+    return list(dict.fromkeys([*lights, min(common, key=lambda at: (at[0], -at[1]))]))

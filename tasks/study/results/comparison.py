@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.choice import pick
+from tasks.study.results.choice import known, pick
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
-from tasks.study.results.words import (
-    MISSING,
-    capitalized,
-    rate_label,
-    share_text,
-)
+from tasks.study.results.words import MISSING, capitalized, rate_label, share_text
 
 _NATIVE, _RATE = "native px", "M/s"  # heads of columns
 
@@ -78,14 +73,10 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """Our medians and the paper's. Rows: scene x speed x sensor; columns: cutoffs.
+    """Our medians and the paper's. Rows: scene x speed x sensor; columns: cutoffs."""
 
-    `asks_as_paper` is that of `Scores`.
-    """
-
+    scores: Scores
     series: Series
-    contrast_threshold: float
-    asks_as_paper: bool
     cutoffs_hz: tuple[float, ...]
     blocks: tuple[Block, ...]
 
@@ -99,16 +90,16 @@ class ComparisonTable:
     def source(self) -> str | None:
         """Return the name of the paper's table; None if it lacks these sensors and scenes."""
         lines = [line for block in self.blocks for line in block.lines]
-        found = any(entry.paper is not None for line in lines for entry in line.entries)
-        speeds = [block.speed for block in self.blocks]
-        return source(self.series.task, self.series.method, speeds) if found else None
+        if all(entry.paper is None for line in lines for entry in line.entries):
+            return None
+        return source(self.series.task, self.series.method, [block.speed for block in self.blocks])
 
     def footnote(self, columns: Iterable[Column]) -> str:
         """Return the explanation of the columns that are shown, and of marks."""
-        label = self.source
+        label, threshold = self.source, self.scores.contrast_threshold
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
-        if self.asks_as_paper and self.contrast_threshold != CONTRAST_THRESHOLD:
-            paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
+        if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
+            paper = f"not in the paper at a contrast threshold of {threshold:g}; "
         share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
         meanings = {_NATIVE: "pixels of the sensor", _RATE: "million events per second"}
         if share is not None:
@@ -127,7 +118,8 @@ class ComparisonTable:
         share = TASKS[self.series.task].share_column
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
-            columns += [Column("paper", "paper", _paper), Column("Δ", "difference", _difference)]
+            columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
+            columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
         if TASKS[self.series.task].metric.reference_width_px is not None:
             columns.append(Column(_NATIVE, "rate", _native, in_terminal=False))
         if share is not None:
@@ -163,8 +155,7 @@ def comparison_table(
         for speed in shown
         if speed in scores.speeds(series, scene)
     )
-    threshold, asks_as_paper = scores.contrast_threshold, scores.asks_as_paper
-    return ComparisonTable(series, threshold, asks_as_paper, cutoffs_hz, blocks)
+    return ComparisonTable(scores, series, cutoffs_hz, blocks)
 
 
 def _block(
@@ -173,22 +164,28 @@ def _block(
     sensors = scores.sensors(series, scene)
     columns, nothings = [], []
     for cutoff_hz in cutoffs_hz:
-        where = [Condition(scene, one.width, cutoff_hz, speed, one.name) for one in sensors]
-        cells = [scores.cell(series, condition) for condition in where]
-        nothing = [scores.baseline(series, condition) for condition in where]
-        paper = [scores.published(series, condition) for condition in where]
-        best, enough = _picked(sensors, [c.median for c in cells], nothing, series)
-        paper_best, paper_enough = _picked(sensors, paper, [], series)
+        places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+        cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
+        nothing = {sensor: scores.baseline(series, at) for sensor, at in places.items()}
+        paper = {sensor: scores.published(series, at) for sensor, at in places.items()}
+        idle = known({sensor: cell.median for sensor, cell in nothing.items()})
+        best, enough = _picked({s: cell.median for s, cell in cells.items()}, idle, series)
+        paper_best, paper_enough = _picked(paper, {}, series)
         columns.append(
             [
                 Entry(
-                    *(cell, value, one == best, one == paper_best),
-                    *(one == enough, one == paper_enough, beats(cell, idle, series)),
+                    cell=cells[sensor],
+                    paper=paper[sensor],
+                    best=sensor == best,
+                    paper_best=sensor == paper_best,
+                    enough=sensor == enough,
+                    paper_enough=sensor == paper_enough,
+                    beats_nothing=beats(cells[sensor], nothing[sensor], series),
                 )
-                for one, cell, value, idle in zip(sensors, cells, paper, nothing, strict=True)
+                for sensor in sensors
             ]
         )
-        nothings.append([Entry(cell, None) for cell in nothing])
+        nothings.append([Entry(cell, None) for cell in nothing.values()])
 
     def line_of(i: int, columns: list[list[Entry]], nothing: bool) -> Line:
         entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[sensors[i]]
@@ -204,29 +201,20 @@ def _block(
 
 
 def _same(values: list[float | None]) -> bool:
-    first, *others = values
-    if first is None:
-        return all(value is None for value in others)
-    return all(value is not None and math.isclose(value, first, rel_tol=1e-6) for value in others)
+    numbers = [value for value in values if value is not None]
+    close = all(math.isclose(value, numbers[0], rel_tol=1e-6) for value in numbers)
+    return close and len(numbers) in (0, len(values))
 
 
 def _picked(
-    sensors: Sequence[SensorId],
-    values: Sequence[float | None],
-    nothing: Sequence[Cell],
-    series: Series,
+    values: Mapping[SensorId, float | None], nothing: Mapping[SensorId, float], series: Series
 ) -> tuple[SensorId | None, SensorId | None]:
     """Return the best sensor and the smallest that is enough; None if a value is missing."""
-    medians = {one: value for one, value in zip(sensors, values, strict=True) if value is not None}
-    if len(medians) < len(sensors):
+    medians = known(values)
+    if len(medians) < len(values):
         return None, None
-    idle = {
-        one: cell.median
-        for one, cell in zip(sensors, nothing, strict=False)
-        if cell.median is not None
-    }
-    found = pick(medians, idle, TASKS[series.task].metric)
-    return found.best, found.enough if found.worthwhile else None
+    picked = pick(medians, nothing, TASKS[series.task].metric)
+    return picked.best, picked.enough if picked.worthwhile else None
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:
@@ -240,17 +228,9 @@ def _ours(series: Series, entry: Entry, line: Line) -> str:
     return _number(series, cell.median)
 
 
-def _paper(series: Series, entry: Entry, line: Line) -> str:
-    return _number(series, entry.paper)
-
-
-def _difference(series: Series, entry: Entry, line: Line) -> str:
-    return _number(series, entry.difference, "+")
-
-
 def _native(series: Series, entry: Entry, line: Line) -> str:
-    native = native_px(entry.cell.median, line, series)
-    return "" if line.sensor is None else _number(series, native)
+    value = native_px(entry.cell.median, line, series)
+    return "" if line.sensor is None else _number(series, value)
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:

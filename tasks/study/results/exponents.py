@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from tasks.study.results.asked import SensorId
 from tasks.study.results.choice import Choice, choose_all
@@ -15,17 +15,18 @@ from tasks.study.sensors import AREA
 def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -> list[str]:
     """Say for each series in how many conditions the choice is the same at all exponents."""
     lines = []
-    for one in series:
-        parts = [sensor.name.partition(f" {AREA}") for sensor in scores.sensors(one)]
-        powers = sorted({power for _, found, power in parts if found}, key=float)
+    for each in series:
+        power_of = {sensor: _power(sensor) for sensor in scores.sensors(each)}
+        powers = sorted({*power_of.values()} - {""}, key=float)
         if len(powers) < 2:
             continue
-        at = {power: choose_all(scores, one, _among(power)) for power in powers}
-        found = {where: [_name(at[power][where]) for power in powers] for where in at[powers[0]]}
-        differing = {where: names for where, names in found.items() if len({*names}) > 1}
+        without = {p: [s for s, own in power_of.items() if own not in ("", p)] for p in powers}
+        at = {power: choose_all(scores, each, others) for power, others in without.items()}
+        names_at = {where: [_name(at[power][where]) for power in powers] for where in at[powers[0]]}
+        differing = {where: names for where, names in names_at.items() if len({*names}) > 1}
         text = (
-            f"{one.title}: at exponents {join_words(powers)} of the photodiode's area, the choice "
-            f"is the same in {len(found) - len(differing)} of {len(found)} conditions"
+            f"{each.title}: at exponents {join_words(powers)} of the photodiode's area, the choice "
+            f"is the same in {len(names_at) - len(differing)} of {len(names_at)} conditions"
         )
         for (scene, cutoff_hz, speed), names in differing.items():
             chosen = [f"{name} at {power}" for name, power in zip(names, powers, strict=True)]
@@ -35,14 +36,9 @@ def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -
     return lines
 
 
-def _among(power: str) -> Callable[[SensorId], bool]:
-    """Return whether a sensor is one at this exponent, or lends no cutoff."""
-
-    def among(sensor: SensorId) -> bool:
-        _, lent, own = sensor.name.partition(f" {AREA}")
-        return not lent or own == power
-
-    return among
+def _power(sensor: SensorId) -> str:
+    """Return the exponent in the name of a sensor; "" if it has none."""
+    return sensor.name.partition(f" {AREA}")[2]
 
 
 def _name(choice: Choice | None) -> str:

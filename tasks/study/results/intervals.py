@@ -26,7 +26,7 @@ BRACKETS = (
     "Brackets are 95 % bootstrap intervals over samples, taken as independent. Samples of one path "
     "are not: n is how many independent ones they are worth, by the correlation of neighbors."
 )
-"""What `Estimate.text` prints, in words."""
+"""What `Interval.text` prints, in words."""
 
 Key = TypeVar("Key")
 
@@ -106,12 +106,12 @@ class Medians(Generic[Key]):
         values = each({key: self._values(key) for key in keys})
         if not self.drawn:
             return np.asarray(np.median(values))
-        cell = max((self.cells[key] for key in keys), key=lambda one: one.trainings)
+        cell = max((self.cells[key] for key in keys), key=lambda cell: cell.trainings)
         return resampled_medians(values, cell.sample, cell.training, cell.scene)
 
-    def difference(self, one: Key, other: Key) -> NDArray[np.float64]:
+    def difference(self, key: Key, other: Key) -> NDArray[np.float64]:
         """Return the median of the differences between the values of two cells."""
-        return self.of(lambda values: values[one] - values[other], (one, other))
+        return self.of(lambda values: values[key] - values[other], (key, other))
 
     def _values(self, key: Key) -> NDArray[np.float64]:
         cell = self.cells[key]
@@ -137,7 +137,7 @@ def estimate(
 
     Returns
     -------
-    Estimate
+    Interval
         The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
         fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. The interval is as much wider than the draws
         as Student's t says for so few samples, or trainings if those are fewer. Numbers that differ
@@ -147,8 +147,8 @@ def estimate(
 
     def mean(drawn: bool) -> NDArray[np.float64]:
         each = [statistic(Medians(cells, sign, of_rates, drawn)) for cells in scenes]
-        found = np.mean(each, axis=0)
-        return np.where(np.abs(found) < LAST_BITS, 0.0, found)
+        mean_of_all = np.mean(each, axis=0)
+        return np.where(np.abs(mean_of_all) < LAST_BITS, 0.0, mean_of_all)
 
     value = float(mean(drawn=False))
     fewest = min(cell.samples for cells in scenes for cell in cells.values())
@@ -162,9 +162,15 @@ def estimate(
     for cells in scenes:
         count = min(cell.samples for cell in cells.values())
         alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in range(count)]
-        each = [float(statistic(Medians(one, sign, of_rates))) for one in alone]
+        each = [float(statistic(Medians(of_one, sign, of_rates))) for of_one in alone]
         worth += effective_samples(np.array(each))
     return Interval(value, float(low), float(high), worth)
+
+
+def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
+    """Return the median paired difference of two complete cells; positive if the first leads."""
+    cells = {"cell": cell, "other": other}
+    return estimate(lambda medians: medians.difference("cell", "other"), cells, sign=sign)
 
 
 def _widening(number: int, tail: float) -> float:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 SPEEDS_M_PER_S = (0.2, 0.4, 0.6)
 """Speeds of the slider."""
@@ -17,7 +17,12 @@ SIZES_PX: Mapping[str, tuple[tuple[int, int], ...]] = {
     "pebbles": ((451, 254), (652, 367), (1215, 683)),
     "split_rocks": ((442, 249), (640, 360), (1193, 671)),
 }
-"""Width and height of the common field of view by print, from the farthest distance on, px."""
+"""Width and height of the common field of view by print, from the farthest distance on, px.
+
+The paper gives the distances from the wall as 0.6, 0.4 and 0.2 m. The sizes are proportional to
+1 / (d + c) with c = 3.7, 3.5 and 3.5 cm within 0.6 %, so the optical center is about 63.6, 43.6 and
+23.6 cm from the print.
+"""
 
 PAPER_SIGMA_MM = 50.0
 """Standard deviation of the error of the paper's initial control positions, per component, mm."""
@@ -26,20 +31,13 @@ NOTHING_MM = 54.7
 """Median position error of that start, mm: the mean distance over 14 ms of a spline through 10
 control positions with this error. It depends on nothing else."""
 
-DISTANCES_M = (0.6, 0.4, 0.2)
-"""Distances from the wall, in the order of `SIZES_PX`.
-
-The sizes are proportional to 1 / (d + c) with c = 3.7, 3.5 and 3.5 cm within 0.6 %, so the optical
-center is about 63.6, 43.6 and 23.6 cm from the print.
-"""
-
 _METHODS = (
-    ("video", "e2vid", "psnr_db"),
-    ("video", "high_pass_filter", "psnr_db"),
-    ("flow", "photometric_flow", "rnepe_px"),
-    ("flow", "contrast_maximization", "rnepe_px"),
-    ("dense_flow", "eraft", "rnepe_px"),
-    ("tracking", "photometric_tracking", "position_error_mm"),
+    ("video", "e2vid"),
+    ("video", "high_pass_filter"),
+    ("flow", "photometric_flow"),
+    ("flow", "contrast_maximization"),
+    ("dense_flow", "eraft"),
+    ("tracking", "photometric_tracking"),
 )
 
 # A line per distance, a group of columns per method in `_METHODS`, a column per speed.
@@ -62,46 +60,32 @@ _TABLE = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class SliderScore:
-    """A score of `tab:all_tasks_real`.
-
-    Attributes
-    ----------
-    width, height
-        Size of the field of view, px.
-    value
-        dB, px at full width (RNEPE) or mm.
-    """
+class SliderScore(NamedTuple):
+    """A score of `tab:all_tasks_real`."""
 
     picture: str
     task: str
     method: str
-    metric: str
-    width: int
-    height: int
-    distance_m: float
+    width: int  # of the field of view, px
     speed_m_per_s: float
-    value: float
+    value: float  # dB, px at full width (RNEPE) or mm
 
 
 def worse_than_nothing(speed_m_per_s: float) -> int:
     """Return how many of the paper's position errors at a speed are larger than `NOTHING_MM`."""
     return sum(
-        one.value > NOTHING_MM
-        for one in slider_scores()
-        if one.task == "tracking" and one.speed_m_per_s == speed_m_per_s
+        score.value > NOTHING_MM
+        for score in slider_scores()
+        if score.task == "tracking" and score.speed_m_per_s == speed_m_per_s
     )
 
 
 def slider_scores() -> list[SliderScore]:
     """Return all numbers of the table."""
     return [
-        SliderScore(picture, *method, *size, distance_m, speed, float(number))
+        SliderScore(picture, *method, width, speed, float(number))
         for picture, block in _TABLE.items()
-        for line, size, distance_m in zip(
-            block.strip().splitlines(), SIZES_PX[picture], DISTANCES_M, strict=True
-        )
+        for line, (width, _) in zip(block.strip().splitlines(), SIZES_PX[picture], strict=True)
         for method, group in zip(_METHODS, line.split("|"), strict=True)
         for speed, number in zip(SPEEDS_M_PER_S, group.split(), strict=True)
     ]

@@ -24,13 +24,10 @@ REQUIRED_SUCCESS = 0.8
 
 def sweep(scores: Scores, method: str) -> list[Series]:
     """Return the series of a tracking method by ascending perturbation."""
-    found = [
-        (sigma, one)
-        for one in scores.series()
-        if one[:3] == TRACKING._replace(method=method)[:3]
-        and (sigma := sigma_mm(one.variant)) is not None
-    ]
-    return [one for _, one in sorted(found)]
+    usual = TRACKING._replace(method=method)
+    every = [series for series in scores.series() if series[:3] == usual[:3]]
+    sigmas = {s: sigma for s in every if (sigma := sigma_mm(s.variant)) is not None}
+    return sorted(sigmas, key=sigmas.__getitem__)
 
 
 def ideal_success(scores: Scores, series: Series) -> float | None:
@@ -55,12 +52,10 @@ def judged_series(scores: Scores) -> Series | None:
 
     This is the largest perturbation from which it reaches `REQUIRED_SUCCESS`.
     """
-    enough = [
-        one
-        for one in sweep(scores, TRACKING.method)
-        if (success := ideal_success(scores, one)) is not None and success >= REQUIRED_SUCCESS
-    ]
-    return enough[-1] if enough else None
+    for series in reversed(sweep(scores, TRACKING.method)):
+        if (ideal_success(scores, series) or 0.0) >= REQUIRED_SUCCESS:
+            return series
+    return None
 
 
 def shown_series(scores: Scores) -> list[Series]:
@@ -71,13 +66,13 @@ def shown_series(scores: Scores) -> list[Series]:
     """
     order = list(TASKS)
     judged = judged_series(scores)
-    kept = []
-    for one in scores.series():
-        variants = sweep(scores, one.method)
-        usual = judged and judged._replace(method=one.method)
-        if one not in variants or one == (usual if usual in variants else variants[0]):
-            kept.append(one)
-    return sorted(kept, key=lambda one: (order.index(one.task), not is_main(one)))
+    shown = []
+    for series in scores.series():
+        variants = sweep(scores, series.method)
+        usual = judged and judged._replace(method=series.method)
+        if series not in variants or series == (usual if usual in variants else variants[0]):
+            shown.append(series)
+    return sorted(shown, key=lambda series: (order.index(series.task), not is_main(series)))
 
 
 def is_main(series: Series) -> bool:

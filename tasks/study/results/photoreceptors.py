@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
 from tasks.study.results.choice import Choice, choose
-from tasks.study.results.intervals import Interval, estimate
+from tasks.study.results.intervals import Interval, lead_over
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
@@ -39,44 +39,24 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     """Return the leads of a series in every light but the ideal, where photoreceptors are equal."""
     first = next(iter(readings.values()))
     sensors = first.sensors(series)
-    coarser = [one for one in sensors if one.width < sensors[-1].width]
+    coarser = [sensor for sensor in sensors if sensor.width < sensors[-1].width]
     if not coarser:
         return []
-    fine, coarse = sensors[-1], coarser[-1]
+    pair = sensors[-1], coarser[-1]
     sign = TASKS[series.task].metric.sign
-    found = []
-    for scene, cutoff_hz, speed in dict.fromkeys(
-        (at.scene, at.cutoff_hz, at.speed) for at in first.conditions(series)
-    ):
+    conditions = dict.fromkeys(at[:1] + at[2:4] for at in first.conditions(series))
+    every = []
+    for scene, cutoff_hz, speed in conditions:
         if math.isinf(cutoff_hz):
             continue
-        places = {
-            one: Condition(scene, one.width, cutoff_hz, speed, one.name) for one in (fine, coarse)
-        }
-        paper = [first.published(series, where) for where in places.values()]
-        found.append(
-            Lead(
-                *(scene, cutoff_hz, speed, (fine, coarse)),
-                {name: _lead(one, series, places, sign) for name, one in readings.items()},
-                {
-                    name: choose(one, series, scene, cutoff_hz, speed)
-                    for name, one in readings.items()
-                },
-                _difference(paper, sign),
-            )
-        )
-    return found
-
-
-def _lead(
-    scores: Scores, series: Series, places: Mapping[SensorId, Condition], sign: float
-) -> Interval | None:
-    cells = {one: scores.cell(series, where) for one, where in places.items()}
-    if not all(cell.complete for cell in cells.values()):
-        return None
-    return estimate(lambda medians: medians.difference(*places), cells, sign=sign)
-
-
-def _difference(values: Sequence[float | None], sign: float) -> float | None:
-    one, other = values
-    return None if one is None or other is None else sign * (one - other)
+        places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in pair]
+        intervals: dict[str, Interval | None] = {}
+        for name, scores in readings.items():
+            ours = [scores.cell(series, at) for at in places]
+            complete = all(cell.complete for cell in ours)
+            intervals[name] = lead_over(ours[0], ours[1], sign) if complete else None
+        choices = {n: choose(s, series, scene, cutoff_hz, speed) for n, s in readings.items()}
+        fine, coarse = (first.published(series, at) for at in places)
+        paper = None if fine is None or coarse is None else sign * (fine - coarse)
+        every.append(Lead(scene, cutoff_hz, speed, pair, intervals, choices, paper))
+    return every

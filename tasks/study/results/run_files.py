@@ -32,18 +32,16 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
         The run's folder; or those of several runs of one study with other weights of its networks,
         whose values are then those of one run.
     """
-    found = [read_rows(folder / "rows.parquet") for folder in folders]
+    rows_of_runs = [read_rows(folder / "rows.parquet") for folder in folders]
     configs = [read_config(folder) for folder in folders]
-    for (before, of_before), (folder, config) in combinations(
-        zip(folders, configs, strict=True), 2
-    ):
-        _check_joined(config, folder / "study.json", of_before, before)
-    rows = found[0]
+    for (other, of_other), (folder, config) in combinations(zip(folders, configs, strict=True), 2):
+        _check_joined(config, folder / "study.json", of_other, other)
+    rows = rows_of_runs[0]
     if len(folders) > 1:
         rows = [
             replace(row, item=row.item * len(folders) + training)
-            for training, of_one in enumerate(found)
-            for row in of_one
+            for training, rows_of_run in enumerate(rows_of_runs)
+            for row in rows_of_run
         ]
     render = configs[0].get("render", {})
     square = render.get("height") in (None, render.get("resolution"))
@@ -63,43 +61,32 @@ def read_config(folder: Path) -> dict[str, Any]:
         The run's folder.
     """
     file = folder / "study.json"
-    found = read_json(dict[str, Any], file, ResultError)
-    for name in _KINDS.keys() & found.keys():
-        read_typed(_KINDS[name], found[name], file, ResultError, name)
-    return found
+    config = read_json(dict[str, Any], file, ResultError)
+    for name in _KINDS.keys() & config.keys():
+        read_typed(_KINDS[name], config[name], file, ResultError, name)
+    return config
 
 
 def _check_joined(
     config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
 ) -> None:
     """Refuse to join a run with another one that does not differ in weights, or in more."""
-    if config.get("jobs") == of_other.get("jobs"):
-        raise ResultError(f"{file}: found the jobs of {other}, expected those of other weights")
-    if _weights(config) == _weights(of_other):
+    weights, settings = _divided(config)
+    other_weights, other_settings = _divided(of_other)
+    if config.get("jobs") == of_other.get("jobs") or weights == other_weights:
+        raise ResultError(f"{file}: same weights as {other}; joined runs differ in weights")
+    for name, here, expected in differences(settings, other_settings):
         raise ResultError(
-            f"{file}: weights: found those of {other}, expected others: runs that are joined "
-            "differ in the weights of networks"
-        )
-    for name, here, there in differences(_without_weights(config), _without_weights(of_other)):
-        raise ResultError(
-            f"{file}: {name}: found {here!r}, expected {there!r} as in {other}: runs that are "
-            "joined may differ only in the weights of networks"
+            f"{file}: {name}: found {here!r}, but {expected!r} in {other}; runs that are joined "
+            "may differ only in the weights of networks"
         )
 
 
-def _weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the weights of each task that a run was given."""
-    tasks = config.get("evaluate", {})
-    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
-
-
-def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return what decides a run's rows, except for weights."""
-    evaluate = {
-        name: {k: v for k, v in value.items() if k != "weights"}
-        if isinstance(value, dict)
-        else value
-        for name, value in config.get("evaluate", {}).items()
-    }
-    left_out = "name", "question", "jobs", "evaluate"
-    return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
+def _divided(config: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the weights of each task of a run, and what else decides its rows."""
+    evaluate = config.get("evaluate", {})
+    tasks = {name: {**task} for name, task in evaluate.items() if isinstance(task, dict)}
+    weights = {name: task.pop("weights", None) for name, task in tasks.items()}
+    left_out = "name", "question", "jobs"
+    settings = {name: value for name, value in config.items() if name not in left_out}
+    return weights, settings | {"evaluate": evaluate | tasks}

@@ -84,14 +84,14 @@ class Scaling:
         float or None
             Interval in us; None if the setting was not measured.
         """
-        for one in self.intervals:
-            if (sensor_of(one), one.cutoff_hz, one.speed) == (sensor, cutoff_hz, speed):
-                return mode_us(self.edges_us, one.counts)
+        for each in self.intervals:
+            if (sensor_of(each), each.cutoff_hz, each.speed) == (sensor, cutoff_hz, speed):
+                return mode_us(self.edges_us, each.counts)
         return None
 
     def settings(self) -> list[tuple[float, float]]:
         """Return (cutoff_hz, speed) of the histograms, in order."""
-        return list(dict.fromkeys((one.cutoff_hz, one.speed) for one in self.intervals))
+        return list(dict.fromkeys((each.cutoff_hz, each.speed) for each in self.intervals))
 
 
 def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str, Scaling]:
@@ -102,5 +102,5 @@ def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str,
     jobs
         Keys of the run's jobs, if they are known. What a job of another study measured is left out.
     """
-    found = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
-    return {one.scene: one for one in found if jobs is None or one.job in ("", *jobs)}
+    every = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
+    return {each.scene: each for each in every if jobs is None or each.job in ("", *jobs)}

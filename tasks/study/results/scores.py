@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from functools import cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import (
     CONTRAST_THRESHOLD,
+    CUTOFFS_HZ,
+    WIDTHS,
     every_published,
-    has_sensors,
     published,
 )
 
@@ -34,11 +35,10 @@ def by_photoreceptor(
 
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
     """
-    found = _divided(_some(rows), lambda row: row.photoreceptor)
-    order = sorted(found, key=lambda name: name != "two_pole")
+    groups = _divided(rows, lambda row: row.photoreceptor)
     return {
-        name: by_threshold(found[name], square=square, trainings=trainings, photoreceptor=name)
-        for name in order
+        name: by_threshold(groups[name], square=square, trainings=trainings, photoreceptor=name)
+        for name in sorted(groups, key=lambda name: name != "two_pole")
     }
 
 
@@ -50,41 +50,32 @@ def by_threshold(
     photoreceptor: str | None = None,
 ) -> list[Scores]:
     """Return the scores of each contrast threshold of one photoreceptor."""
-    found = _divided(_some(rows), lambda row: row.contrast_threshold)
+    settings: dict[str, Any] = {"square": square, "trainings": trainings}
     return [
-        Scores(
-            of_one,
-            square=square,
-            trainings=trainings,
-            contrast_threshold=threshold,
-            photoreceptor=photoreceptor,
-        )
-        for threshold, of_one in found.items()
+        Scores(group, **settings, contrast_threshold=threshold, photoreceptor=photoreceptor)
+        for threshold, group in _divided(rows, lambda row: row.contrast_threshold).items()
     ]
 
 
-def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
+def _divided(rows: Iterable[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
     """Group rows by a value of their sensors; a camera with a single value is in all groups."""
+    rows = _some(rows)
     values: dict[str, set[Value]] = {}
     for row in rows:
-        if row.sensor:
-            values.setdefault(row.sensor, set()).add(value_of(row))
-    own = {name for name, found in values.items() if len(found) == 1}
-    keys = list(dict.fromkeys(value_of(row) for row in rows if row.sensor not in own))
-    if not keys:
-        return {value_of(rows[0]): rows}
-    groups: dict[Value, list[Row]] = {key: [] for key in keys}
-    for row in rows:
-        for key in keys if row.sensor in own else (value_of(row),):
-            groups[key].append(row)
-    return groups
+        values.setdefault(row.sensor, set()).add(value_of(row))
+    own = {name for name, of_sensor in values.items() if name and len(of_sensor) == 1}
+    keys = dict.fromkeys(value_of(row) for row in rows if row.sensor not in own)
+    return {
+        key: [row for row in rows if row.sensor in own or value_of(row) == key]
+        for key in keys or [value_of(rows[0])]
+    }
 
 
 def _some(rows: Iterable[Row]) -> list[Row]:
-    found = list(rows)
-    if not found:
-        raise ResultError("found no rows, expected at least one")
-    return found
+    rows = list(rows)
+    if not rows:
+        raise ResultError("no rows; a run needs at least one")
+    return rows
 
 
 _Values = dict[tuple[int, int], Row]  # by sample and item
@@ -133,7 +124,7 @@ class Scores:
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = contrast_threshold or first.contrast_threshold
         self.photoreceptor = photoreceptor or first.photoreceptor
-        of_each = {(row.width, row.sensor): row for row in rows}
+        of_each = {(row.width, row.sensor): row for row in rows}  # plain tuples are faster
         self.contrast_thresholds = {sensor_of(r): r.contrast_threshold for r in of_each.values()}
         on_bus = [row for row in rows if row.bus_mev_s < math.inf]
         self.buses_hz = {sensor_of(row): 1e6 * row.bus_mev_s for row in on_bus}
@@ -141,51 +132,34 @@ class Scores:
         for row in on_bus:
             sensor = sensor_of(row)
             self.dropped[sensor] = max(row.dropped, self.dropped[sensor])
-        for row in rows:
-            self._check_sensor(row)
         self._rows = _grouped(rows)
-        lights = {where.cutoff_hz for found in self._rows.values() for where in found}
-        sensors = self.contrast_thresholds
-        plain = not self.buses_hz and not any(one.name for one in sensors)
-        papers = plain and has_sensors([one.width for one in sensors], lights)
-        self.asks_as_paper = square and papers
+        lights = {where.cutoff_hz for conditions in self._rows.values() for where in conditions}
+        plain = square and not self.buses_hz and lights <= {*CUTOFFS_HZ}
+        self.asks_as_paper = plain and self.contrast_thresholds.keys() <= {*map(SensorId, WIDTHS)}
         self._expected = self._expected_items()
         self._cells: dict[tuple[Series, Condition], Cell] = {}
         self._baselines: dict[tuple[Series, Condition], Cell] = {}
 
-    def _check_sensor(self, row: Row) -> None:
-        """Refuse a sensor without a name that has another threshold or photoreceptor."""
-        if row.sensor:
-            return
-        if row.contrast_threshold != self.contrast_threshold:
-            raise ResultError(
-                f"found contrast thresholds {self.contrast_threshold:g} and "
-                f"{row.contrast_threshold:g}, expected one"
-            )
-        if row.photoreceptor != self.photoreceptor:
-            raise ResultError(
-                f"found photoreceptors {self.photoreceptor} and {row.photoreceptor}, expected one"
-            )
-
     def _expected_items(self) -> dict[tuple[Series, str], list[tuple[int, int]]]:
         """Return sample and item of every row that a complete cell of a series has on a scene."""
-        found: dict[tuple[Series, str], set[tuple[int, int]]] = {}
+        expected: dict[tuple[Series, str], set[tuple[int, int]]] = {}
         for series, conditions in self._rows.items():
             for condition, values in conditions.items():
-                found.setdefault((series, condition.scene), set()).update(
+                expected.setdefault((series, condition.scene), set()).update(
                     (sample, item // self._trainings * self._trainings + training)
                     for sample, item in values
                     for training in range(self._trainings)
                 )
-        return {key: sorted(items) for key, items in found.items()}
+        return {key: sorted(items) for key, items in expected.items()}
 
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
         return [series for series in self._rows if series.method != TASKS[series.task].baseline]
 
-    def scenes(self, series: Series) -> list[str]:
-        """Return the scenes of a series, in the order of the rows."""
-        return list(dict.fromkeys(condition.scene for condition in self._rows.get(series, ())))
+    def scenes(self, *series: Series) -> list[str]:
+        """Return the scenes of some series, by default all but the baselines, in their order."""
+        every = series or self.series()
+        return list(dict.fromkeys(where.scene for of in every for where in self.conditions(of)))
 
     def sensors(self, series: Series, scene: str | None = None) -> list[SensorId]:
         """Return the sensors of a series, by width, then name.
@@ -195,19 +169,19 @@ class Scores:
         scene
             Name of a scene; None for all scenes. Prints of a rig may have widths of their own.
         """
-        return sorted({sensor_of(c) for c in self._conditions(series, scene)})
+        return sorted({sensor_of(where) for where in self.conditions(series, scene)})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
         """Return the cutoffs of a series, Hz, from ideal (inf) down."""
-        return sorted({c.cutoff_hz for c in self._rows.get(series, ())}, reverse=True)
+        return sorted({where.cutoff_hz for where in self.conditions(series)}, reverse=True)
 
     def speeds(self, series: Series, scene: str | None = None) -> list[float]:
         """Return the speeds of a series, ascending; factors follow speeds in m/s."""
-        return sorted({c.speed for c in self._conditions(series, scene)}, key=_order)
+        return sorted({where.speed for where in self.conditions(series, scene)}, key=_order)
 
-    def conditions(self, series: Series) -> list[Condition]:
-        """Return the conditions of a series, in the order of the rows."""
-        return list(self._rows.get(series, ()))
+    def conditions(self, series: Series, scene: str | None = None) -> list[Condition]:
+        """Return the conditions of a series, on one scene or on all, in the order of the rows."""
+        return [at for at in self._rows.get(series, ()) if scene is None or at.scene == scene]
 
     def cell(self, series: Series, condition: Condition) -> Cell:
         """Return one cell."""
@@ -242,7 +216,7 @@ class Scores:
         papers = self.asks_as_paper and self.contrast_threshold == CONTRAST_THRESHOLD
         if not papers or isinstance(speed, MetersPerSecond):
             return None
-        return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
+        return published(scene, *series[:2], width, cutoff_hz, speed)
 
     def answers(self, series: Series) -> int:
         """Count the scores of a series, those that are not finite included."""
@@ -257,34 +231,31 @@ class Scores:
             if row.failure
         )
 
-    def _conditions(self, series: Series, scene: str | None) -> list[Condition]:
-        return [c for c in self.conditions(series) if scene is None or c.scene == scene]
-
     def _nothing(self, series: Series, condition: Condition) -> _Values:
         baseline = TASKS[series.task].baseline
         for variant in (series.variant, ""):
-            found = self._rows.get(Series(series.task, baseline, series.metric, variant), {})
-            if condition in found:
-                return found[condition]
-            for other, values in found.items():
+            idle = self._rows.get(Series(series.task, baseline, series.metric, variant), {})
+            if condition in idle:
+                return idle[condition]
+            for other, values in idle.items():
                 if other._replace(width=condition.width, sensor=condition.sensor) == condition:
                     return values
         return {}
 
     def _cell_of(self, rows: _Values, series: Series, scene: str) -> Cell:
         expected = self._expected.get((series, scene), [])
-        kept = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
-        samples = sorted({sample for sample, _ in kept})
-        index = {sample: i for i, sample in enumerate(samples)}
+        keys = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
+        finite = [rows[key] for key in keys]
+        index = {sample: i for i, sample in enumerate(sorted({sample for sample, _ in keys}))}
         # Joined runs repeat methods without weights; only networks differ between trainings.
         trainings = self._trainings if series.method in TASKS[series.task].networks else 1
         return Cell(
             scene=scene,
-            values=np.array([rows[key].value for key in kept], dtype=np.float64),
-            event_rates_hz=np.array([rows[key].event_rate_hz for key in kept], dtype=np.float64),
-            failed=np.array([rows[key].failure != "" for key in kept], dtype=np.bool_),
-            sample=np.array([index[sample] for sample, _ in kept], dtype=np.int64),
-            training=np.array([item % trainings for _, item in kept], dtype=np.int64),
+            values=np.array([row.value for row in finite], dtype=np.float64),
+            event_rates_hz=np.array([row.event_rate_hz for row in finite], dtype=np.float64),
+            failed=np.array([row.failure != "" for row in finite], dtype=np.bool_),
+            sample=np.array([index[sample] for sample, _ in keys], dtype=np.int64),
+            training=np.array([item % trainings for _, item in keys], dtype=np.int64),
             expected=len(expected),
         )
 
@@ -307,28 +278,27 @@ def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
             values = of_cell[key + where] = of_series.setdefault(Condition(*where), {})
         if (row.sample, row.item) in values:
             raise ResultError(
-                f"found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
-                f"{Condition(*where)}, expected one"
+                f"two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                f"{Condition(*where)}"
             )
         values[row.sample, row.item] = row
     return groups
 
 
 def _check_known(row: Row) -> None:
-    if row.task not in TASKS:
-        raise ResultError(f"found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
-    metric = TASKS[row.task].metric.name
-    if row.metric != metric:
-        raise ResultError(f"found metric {row.metric!r} of {row.task}, expected {metric}")
+    metrics = {task: spec.metric.name for task, spec in TASKS.items()}
+    if metrics.get(row.task) != row.metric:
+        known = ", ".join(f"{task} {metric}" for task, metric in sorted(metrics.items()))
+        raise ResultError(f"unknown task {row.task!r} with metric {row.metric!r}; known: {known}")
 
 
 @cache
 def paper_scores() -> Scores:
     """Return the paper's medians as scores of a single sample, without event rates."""
     rows = []
-    for (scene, task, method, width, cutoff_hz, speed, metric), value in every_published():
+    for (scene, task, method, width, cutoff_hz, speed), value in every_published():
         where = scene, task, method, width, cutoff_hz, CONTRAST_THRESHOLD, speed
-        rows.append(Row(*where, 0, metric, value, math.nan))
+        rows.append(Row(*where, 0, TASKS[task].metric.name, value, math.nan))
     return Scores(rows)
 
 

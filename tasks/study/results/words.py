@@ -54,7 +54,7 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
 
 def distances_label(distances_m: Mapping[str, float]) -> str:
     """List distances of cameras, m, by scene."""
-    return ", ".join(f"{scene} {one:.3g} m" for scene, one in distances_m.items())
+    return ", ".join(f"{scene} {distance_m:.3g} m" for scene, distance_m in distances_m.items())
 
 
 def photoreceptor_label(photoreceptor: str) -> str:

@@ -47,13 +47,13 @@ class Cluster:
         return max(1, self.worker_count())
 
     def environment(self) -> dict[str, str]:
-        """As `Scheduler.environment`: empty, as workers come and go."""
+        """Return no machine, as workers come and go."""
         return {}
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """As `Scheduler.compute`."""
+        """Yield every job with its result, in any order; else as `ThisProcess.compute`."""
         from distributed import as_completed
 
         lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}
@@ -69,19 +69,14 @@ class Cluster:
             done_s += lengths_s[queued.key]
             workers = self.worker_count()
             begun = islice(queued_of.values(), workers)  # half done, as far as is known here
-            begun_s = sum(lengths_s[one.key] for one in begun)
+            begun_s = sum(lengths_s[other.key] for other in begun)
             shown_s = max(shown_s, done_s + begun_s / 2)  # not less if workers leave
             on_progress(f"workers: {workers}", shown_s, total_s)
 
     def _submit(self, queued: QueuedJob, length_s: float) -> Future:
-        return self._client.submit(
-            _entry(),
-            _order(queued),
-            _versions(),
-            key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
-            priority=length_s,
-            retries=_RETRIES,
-        )
+        order = _entry(), _order(queued), _versions()
+        key = f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}"
+        return self._client.submit(*order, key=key, priority=length_s, retries=_RETRIES)
 
 
 def _order(queued: QueuedJob) -> bytes:
@@ -117,11 +112,9 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
     worker = get_worker()
     try:
         if worker.state.nthreads != 1:
-            raise StudyError(
-                f"found {worker.state.nthreads} threads, expected 1: start it with --nthreads 1"
-            )
+            raise StudyError(f"has {worker.state.nthreads} threads; start it with --nthreads 1")
         if _versions() != versions:
-            raise StudyError(f"found code of versions {_versions()}, expected {versions}")
+            raise StudyError(f"has code of versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
         weights = weight_digests(job.evaluate)
@@ -143,23 +136,21 @@ def _as_found_here(job: Job, key: str) -> Job:
         scene = replace(scene, settings=replace(scene.settings, path=path))
     if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
-            f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
-            f"{job.scene.digest[:12]}, as where the study was started"
+            f"scene {job.scene.source}: its files have digest {scene.digest[:12]}, but "
+            f"{job.scene.digest[:12]} where the study was started"
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError(
-            "found other code of your own method, or other weights, than when the study was started"
-        )
+        raise StudyError("your own method or weights differ from when the study was started")
     return here
 
 
 def _result(future: Future, job: Job) -> ComputedJob:
-    named = f"{job.scene.name}, clip {job.clip.index}"
+    name = f"{job.scene.name}, clip {job.clip.index}"
     try:
-        result = outcome(future, named)
+        result = outcome(future, name)
     except (OSError, RenderError) as error:
-        raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
+        raise StudyError(f"{name}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):
         raise StudyError(result)
     return result

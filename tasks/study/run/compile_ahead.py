@@ -49,24 +49,21 @@ def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]
         for name in settings.methods
         if task in _SAMPLES and name in TASKS[task].methods
     }
-    wanted = []
+    calls = {}
     if cores() > 1 and not is_cached(advance_pixels):
-        wanted.append("compile_sensor()")
+        calls["compile_sensor"] = ""
     if cores() > 1 and methods and not _any_is_cached(methods):
-        wanted.append(f"compile_methods({sorted(methods)!r})")
-    processes = [_start(call) for call in wanted]
+        calls["compile_methods"] = f"{sorted(methods)!r}"
+    codes = [f"from {__name__} import {name}; {name}({given})" for name, given in calls.items()]
+    null = subprocess.DEVNULL
+    commands = [[sys.executable, "-P", "-c", code] for code in codes]
+    processes = [subprocess.Popen(command, stdout=null, stderr=null) for command in commands]
     try:
         yield
     finally:
         for process in processes:
             process.kill()
             process.wait()
-
-
-def _start(call: str) -> subprocess.Popen[bytes]:
-    code = f"from {__name__} import {call.partition('(')[0]}; {call}"
-    command = [sys.executable, "-P", "-c", code]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def compile_sensor() -> None:

@@ -60,24 +60,19 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
     ):
         settings = job.settings(sequence.white_level)
         highlights = Highlights(queued, settings) if queued.with_highlights else None
+        push = highlights.push if highlights else None
+        before = replace(sequence.rendered)
         rows: list[Row] = []
         timings: list[JobTimings] = []
-        before = replace(sequence.rendered)
-        reference = None
-        for seen, of_shape in _by_shape(settings, job.render).items():
-            result = evaluate(
-                *central_part(sequence, light.truth(sequence), *seen),
-                of_shape,
-                job.evaluate,
-                on_progress,
-                highlights.push if highlights else None,
-            )
+        reference = None  # of the first shape; the others' would fill the memory
+        for size, of_shape in _by_shape(settings, job.render).items():
+            part = central_part(sequence, light.truth(sequence), *size)
+            result = evaluate(*part, of_shape, job.evaluate, on_progress, push)
             rows += result.rows
             timings.append(result.timings)
             reference = reference or result.reference
-        whole = replace(
-            of_one_job(timings, before), resolution=sequence.width, height=sequence.height
-        )
+        whole = of_one_job(timings, before)
+        whole = replace(whole, resolution=sequence.width, height=sequence.height)
         files = highlights.result(reference, sequence) if highlights and reference else {}
     rows = job.with_every_reading(rows)
     return ComputedJob(rows, whole, files, environment(light.renderer.variant))
@@ -85,11 +80,11 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
 
 def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:
     """Group sensors by width and height of the part of the frames that they see."""
-    found: dict[tuple[int, int], list[Setting]] = {}
+    groups: dict[tuple[int, int], list[Setting]] = {}
     for setting in settings:
-        seen_px = render.seen_px(setting.model.width, setting.model.height)
-        found.setdefault(seen_px, []).append(setting)
-    return found
+        size = render.seen_px(setting.model.width, setting.model.height)
+        groups.setdefault(size, []).append(setting)
+    return groups
 
 
 class _SceneLight:
@@ -107,11 +102,10 @@ class _SceneLight:
 
     def key(self, job: Job) -> str:
         """Return the name of the job's frames: a digest of everything that determines them."""
-        t_offset_us = self.renderer.trajectory.t_offset_us
         return digest(
             {
                 **job.frames_decided_by,
-                "t_offset_us": t_offset_us or None,
+                "t_offset_us": self.renderer.trajectory.t_offset_us or None,
                 "white_level": self.renderer.white_level,
                 "integrator": self.renderer.integrator,
                 "variant": self.renderer.variant,
@@ -121,18 +115,11 @@ class _SceneLight:
 
     def truth(self, sequence: RadianceSequence) -> GroundTruth:
         """Return the ground truth, the same for every sequence of the scene."""
-        if self._truth is None:
-            self._truth = ground_truth(sequence)
+        self._truth = self._truth or ground_truth(sequence)
         return self._truth
 
 
 _loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come scene by scene
-
-
-def _unload() -> None:
-    _loaded.clear()
-    gc.collect()  # Mitsuba scenes are in reference cycles
-    release_render_memory()
 
 
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
@@ -140,7 +127,9 @@ def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
     scene = job.scene.name, job.scene.digest
     key = *scene, render.resolution, render.height, render.spp, render.seed
     if key not in _loaded:
-        _unload()
+        _loaded.clear()
+        gc.collect()  # Mitsuba scenes are in reference cycles
+        release_render_memory()
         _loaded[key] = _SceneLight(job, on_progress)
         warn_if_far_apart(job.scene.name, render.max_displacement_px)
         warn_of_noise(_loaded[key].renderer, [job.clip], render.max_displacement_px)

@@ -69,11 +69,11 @@ class WorkEstimate:
         """Return the estimate as one line of text."""
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
-        kept = min(self.frame_bytes, limit_bytes())
+        size = min(self.frame_bytes, limit_bytes())
         whose = "a fast server's pace" if self.pace is None else "this machine's pace"
         return (
             f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{kept / 1e9:.2g} GB on disk, {time} at {whose}"
+            f"{size / 1e9:.2g} GB on disk, {time} at {whose}"
         )
 
 
@@ -85,9 +85,9 @@ def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) ->
     pace
         Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
     """
-    found = [estimate_job(job) for job in jobs]
-    frames, size = sum(one.frames for one in found), sum(one.frame_bytes for one in found)
-    seconds = sum(one.core_s for one in found) / cores * (1.0 if pace is None else pace)
+    each = [estimate_job(job) for job in jobs]
+    frames, size = sum(job.frames for job in each), sum(job.frame_bytes for job in each)
+    seconds = sum(job.core_s for job in each) / cores * (1.0 if pace is None else pace)
     return WorkEstimate(len(jobs), frames, size, seconds, pace)
 
 
@@ -120,5 +120,5 @@ def _frames(job: Job) -> int:
         camera = job.scene.camera(job.render.resolution, job.render.height)
         moved = plane_image_motion(job.scene.trajectory(camera), camera, plane)
         times_s = np.linspace(start_s, end_s, _PARTS + 1).tolist()
-        motion_px = sum(moved(one, two) for one, two in pairwise(times_s))
+        motion_px = sum(moved(start, end) for start, end in pairwise(times_s))
     return 2 + round(motion_px / job.render.max_displacement_px)

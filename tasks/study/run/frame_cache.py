@@ -53,8 +53,8 @@ def limit_bytes() -> float:
 
     The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
     """
-    there = next(folder for folder in (_root(), *_root().parents) if folder.is_dir())
-    free = shutil.disk_usage(there).free + sum(_clips().values())
+    existing = next(folder for folder in (_root(), *_root().parents) if folder.is_dir())
+    free = shutil.disk_usage(existing).free + sum(_clips().values())
     return min(LIMIT_BYTES, _FREE_SHARE * free)
 
 
@@ -64,21 +64,16 @@ def _root() -> Path:
 
 def _clips() -> dict[Path, int]:
     """Return the clips and their sizes in bytes, the least recently used first."""
-    root = _root()
-    return {folder: _bytes_in(folder) for folder in _oldest_first(root)} if root.is_dir() else {}
+    used_s = {}
+    for folder in _root().iterdir() if _root().is_dir() else ():
+        with suppress(FileNotFoundError):  # another process has just deleted it
+            if folder.is_dir():
+                used_s[folder] = folder.stat().st_mtime
+    return {folder: _bytes_in(folder) for folder in sorted(used_s, key=used_s.__getitem__)}
 
 
 def _lock_file(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.lock")
-
-
-def _oldest_first(root: Path) -> list[Path]:
-    used_s = {}
-    for folder in root.iterdir():
-        with suppress(FileNotFoundError):  # another process has just deleted it
-            if folder.is_dir():
-                used_s[folder] = folder.stat().st_mtime
-    return sorted(used_s, key=used_s.__getitem__)
 
 
 def _bytes_in(folder: Path) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -21,6 +21,7 @@ from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import own_of
+from tasks.warm_up import needed_s
 
 _log = logging.getLogger(__name__)
 
@@ -73,19 +74,16 @@ class Job:
 
     @property
     def _stretch(self) -> dict[str, object]:
-        found: dict[str, object] = {
-            "scene": self.scene.digest,
-            "clip": self.clip,
-            "render": replace(self.render, samples=None),  # a job does not depend on the others
-        }
+        # The number of samples is left out, as a job does not depend on the others.
+        render = replace(self.render, samples=None)
+        values = {"scene": self.scene.digest, "clip": self.clip, "render": render}
         if self.scene.settings.objects:
-            found["frame times"] = "with objects out of view"  # earlier code left these out
-        return found
+            values["frame times"] = "with objects out of view"  # earlier code left these out
+        return values
 
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        same_lens = sensors.same_lens
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
@@ -98,11 +96,14 @@ class Job:
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
                 distance=self.render.seen_px(model.width, model.height)[0] / model.width
-                if same_lens
+                if sensors.same_lens
                 else 1.0,
                 scale=self.scale,
                 t_start_s=self.clip.anchor_s
-                - (sensors.warm_up_of(model.cutoff_hz, speed, camera.warm_up) - sensors.warm_up_s),
+                - (
+                    needed_s(model.cutoff_hz, speed, sensors.warm_up_s, camera.warm_up)
+                    - sensors.warm_up_s
+                ),
             )
             for camera, light, model in sensors.models(self.render, white_level)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
@@ -110,18 +111,16 @@ class Job:
 
     def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
         """Return the rows with those without a cutoff repeated for every photoreceptor."""
-        own = {one.name for one in self.simulate.cameras if "photoreceptors" in own_of(one)}
-        others, found = self.simulate.photoreceptors[1:], list(rows)
-        ideal = [row for row in found if math.isinf(row.cutoff_hz) and row.sensor not in own]
-        return found + [replace(row, photoreceptor=one) for one in others for row in ideal]
+        own = {c.name for c in self.simulate.cameras if "photoreceptors" in own_of(c)}
+        others, rows = self.simulate.photoreceptors[1:], list(rows)
+        ideal = [row for row in rows if math.isinf(row.cutoff_hz) and row.sensor not in own]
+        return rows + [replace(row, photoreceptor=kind) for kind in others for row in ideal]
 
 
 def weight_digests(evaluate: Mapping[str, TaskSettings]) -> dict[str, str]:
     """Return the SHA-256 of the weights that tasks use, by file."""
-    found: dict[str, str] = {}
-    for task in evaluate.values():
-        found |= digests(task.weights, task.methods)
-    return found
+    of_tasks = (digests(task.weights, task.methods).items() for task in evaluate.values())
+    return dict(chain.from_iterable(of_tasks))
 
 
 def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]) -> None:
@@ -151,23 +150,39 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     # Checks the view of the study's camera.
     path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
     scale = scale_of(study.simulate, scene, path)
-    study = replace(study, simulate=_at_factors(study.simulate, scene, path, scale))
+    if speeds_m_s := study.simulate.speeds_m_s:
+        base_m_s = scale * round(path.mean_speed_mps(scene.duration_s), 9)  # by quadrature
+        if base_m_s == 0:
+            raise StudyError(
+                f"simulate.speeds_m_s: the camera of {scene.name} is at rest; use simulate.speeds, "
+                "which are factors"
+            )
+        speeds = tuple(speed / base_m_s for speed in speeds_m_s)
+        study = replace(study, simulate=replace(study.simulate, speeds=speeds))
     rules.check_first_sensor(study)
     if study.simulate.same_lens:
         rules.check_facing(scene, path)
     planned = _planned(study, scene)
     if not planned:
-        raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
-    for stretches in planned:
-        render, simulate, _ = _on(stretches, study)
+        raise StudyError(f"evaluate: no method suits {scene.name}; add one that does")
+    on = {stretches: _on(stretches, study) for stretches in planned}
+    for stretches, (render, simulate, _) in on.items():
         rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
-        rules.check_buses(simulate, render)  # speeds in m/s are factors only now
-    rules.check_warm_up([_on(one, study) for one in planned if not one.continuous_s], scene)
-    return [
-        job
-        for stretches in sorted(planned)
-        for job in _jobs_on(stretches, planned[stretches], study, scene, path.duration_s, scale)
-    ]
+        rules.check_buses(simulate, render)
+    rules.check_warm_up([on[at] for at in planned if not at.continuous_s], scene)
+    jobs = []
+    for stretches in sorted(planned):
+        tasks, (render, simulate, before_s) = planned[stretches], on[stretches]
+        if stretches.continuous_s:
+            spread = [_continuous_clip(scene, *stretches.continuous_s)]
+        else:
+            spread = _spread_clips(render, scene, simulate, before_s)
+        if isinstance(tracking := tasks.get("tracking"), Tracking):
+            place = _place_of_speeds(simulate, stretches)
+            left_s = path.duration_s - max(clip.t_window_start_s for clip in spread)
+            rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
+        jobs += [Job(scene, clip, study.render, simulate, tasks, scale) for clip in spread]
+    return jobs
 
 
 def distance_m_of(scene: Scene, path: Trajectory) -> float | None:
@@ -184,37 +199,21 @@ def scale_of(simulate: Simulate, scene: Scene, path: Trajectory) -> float:
         return 1.0
     own_m = distance_m_of(scene, path)
     if own_m is None:
-        raise StudyError(
-            f"simulate.distance_m: {scene.name}: found a scene with depth, expected planar scenes"
-        )
+        raise StudyError(f"simulate.distance_m: {scene.name} is not planar; use planar scenes")
     return simulate.distance_m / own_m
-
-
-def _at_factors(simulate: Simulate, scene: Scene, path: Trajectory, scale: float) -> Simulate:
-    """Return the sensors with speeds as factors on the base speed of the enlarged scene."""
-    if simulate.speeds_m_s is None:
-        return simulate
-    base_m_s = round(path.mean_speed_mps(scene.duration_s), 9)  # by quadrature
-    if base_m_s == 0:
-        raise StudyError(
-            f"simulate.speeds_m_s: found a camera at rest in {scene.name}, expected "
-            "simulate.speeds, which are factors"
-        )
-    return simulate.at_factors(scale * base_m_s)
 
 
 def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
     """Return the tasks of a scene by the stretches that they share."""
-    found: dict[Stretches, dict[str, TaskSettings]] = {}
-    for task, settings in study.evaluate.items():
-        for stretches, planned in settings.plan().items():
-            if not planned.methods or scene.name not in (stretches.scenes or [scene.name]):
-                continue
-            if "a plane" in TASKS[task].needs and scene.plane is None:
-                _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
-                continue
-            found.setdefault(stretches._replace(scenes=()), {})[task] = planned
-    return found
+    tasks_on: dict[Stretches, dict[str, TaskSettings]] = {}
+    for task, stretches, planned in rules.plans(study):
+        if not planned.methods or scene.name not in (stretches.scenes or [scene.name]):
+            continue
+        if "a plane" in TASKS[task].needs and scene.plane is None:
+            _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
+            continue
+        tasks_on.setdefault(stretches._replace(scenes=()), {})[task] = planned
+    return tasks_on
 
 
 def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
@@ -228,42 +227,21 @@ def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
     return render, simulate, before_s
 
 
-def _jobs_on(
-    stretches: Stretches,
-    tasks: Mapping[str, TaskSettings],
-    study: Study,
-    scene: Scene,
-    path_s: float,
-    scale: float,
-) -> Iterator[Job]:
-    """Yield the jobs on some stretches of a path of `path_s` seconds, enlarged by `scale`.
-
-    The warm-up is longer at a higher speed.
-    """
-    render, simulate, before_s = _on(stretches, study)
-    if stretches.continuous_s:
-        run_in_s, duration_s = stretches.continuous_s
-        if duration_s > scene.duration_s:
-            raise StudyError(
-                f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
-                f"{scene.name}, {scene.duration_s:g} s long"
-            )
-        found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
-    else:
-        found = _spread_clips(render, scene, simulate, before_s)
-    if isinstance(tracking := tasks.get("tracking"), Tracking):
-        place = _place_of_speeds(simulate, stretches)
-        left_s = path_s - max(clip.t_window_start_s for clip in found)
-        rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
-    for clip in found:
-        yield Job(scene, clip, study.render, simulate, tasks, scale)
-
-
 def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
     """Return the name of the field with the speeds of some stretches."""
     if stretches.speeds:
         return "evaluate.flow.fast_speed"
     return f"simulate.{'speeds' if simulate.speeds_m_s is None else 'speeds_m_s'}"
+
+
+def _continuous_clip(scene: Scene, run_in_s: float, duration_s: float) -> Clip:
+    """Return one stretch from the start of the path, scored after its run-in."""
+    if duration_s > scene.duration_s:
+        raise StudyError(
+            f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
+            f"{scene.name}, {scene.duration_s:g} s long"
+        )
+    return replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)
 
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
@@ -292,22 +270,26 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     job uses the same frames later, except on a continuous stretch, of which a trial renders only
     one window.
     """
-    known = set(_own_methods_of(done))
+    known = _own_methods_of(done)
     new = [method for method in _own_methods_of(to_do) if method not in known]
-    found = []
+    tried = []
     for job in to_do:
         fitting = [method for method in new if _suits(study, job, *method)]
         if fitting:
-            found.append(_trial(study, job, fitting))
+            tried.append(_trial(study, job, fitting))
             new = [method for method in new if method not in fitting]
-    return found
+    return tried
+
+
+def methods_of(jobs: Iterable[Job]) -> dict[tuple[str, str], None]:
+    """Return task and name of each method of some jobs, once and in their order."""
+    tasks = (item for job in jobs for item in job.evaluate.items())
+    return dict.fromkeys((task, name) for task, of_task in tasks for name in of_task.methods)
 
 
 def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
-    """Return task and name of each of the user's own methods, once."""
-    tasks = (item for job in jobs for item in job.evaluate.items())
-    named = ((task, name) for task, settings in tasks for name in settings.methods)
-    return list(dict.fromkeys((task, name) for task, name in named if TASKS[task].is_own(name)))
+    """Return task and name of each of the user's own methods."""
+    return [(task, name) for task, name in methods_of(jobs) if TASKS[task].is_own(name)]
 
 
 def _suits(study: Study, job: Job, task: str, method: str) -> bool:
@@ -327,11 +309,5 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
     window_s = clip.t_window_end_s - clip.t_window_start_s
     names = {task: tuple(name for at, name in methods if at == task) for task, _ in methods}
-    return replace(
-        job,
-        clip=clip,
-        simulate=job.simulate.first(job.render),
-        evaluate={
-            task: study.evaluate[task].trial(of_task, window_s) for task, of_task in names.items()
-        },
-    )
+    evaluate = {task: study.evaluate[task].trial(own, window_s) for task, own in names.items()}
+    return replace(job, clip=clip, simulate=job.simulate.first(job.render), evaluate=evaluate)

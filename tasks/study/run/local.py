@@ -23,16 +23,22 @@ class ThisProcess:
         return cores()
 
     def environment(self) -> dict[str, str]:
-        """As `Scheduler.environment`."""
+        """Return what is known about the machine, as `tasks.provenance.environment` does."""
         return environment(select_variant())
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """As `Scheduler.compute`."""
+        """Yield every job with its result, as soon as it is done.
+
+        Parameters
+        ----------
+        on_progress
+            Called with a text, and the estimated core seconds of what is done and of all jobs.
+        """
         tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
         estimates = [estimate_job(queued.job) for queued in jobs]
-        total_s = sum(one.core_s for one in estimates)
+        total_s = sum(estimate.core_s for estimate in estimates)
         before_s = 0.0
         with compiling_ahead(tasks):
             for queued, estimate in zip(jobs, estimates, strict=True):
@@ -44,16 +50,11 @@ class ThisProcess:
         on_progress("done", total_s, total_s)
 
 
-def _within(
-    on_progress: Progress, estimate: JobEstimate, before_s: float, total_s: float
-) -> Progress:
+def _within(on_progress: Progress, job: JobEstimate, before_s: float, total_s: float) -> Progress:
     """Return what reports the stages of a job among all jobs."""
-    stages = {
-        "simulating": (0.0, estimate.frames_s),
-        "scoring": (estimate.frames_s, estimate.samples_s),
-    }
+    stages = {"simulating": (0.0, job.frames_s), "scoring": (job.frames_s, job.samples_s)}
     reached_s = before_s  # sensors of another shape go through the stages again
-    end_s = before_s + estimate.core_s  # rounded as where the next job begins
+    end_s = before_s + job.core_s  # rounded as where the next job begins
 
     def on_job(stage: str, done: float, of: float, /) -> None:
         nonlocal reached_s

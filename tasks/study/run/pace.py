@@ -50,8 +50,8 @@ def add_job(environment: Mapping[str, str], estimate: JobEstimate, timings: JobT
     told_s, took_s = sums.get(machine, (0.0, 0.0))
     told_s += estimate.core_s - cached * estimate.render_s
     took_s += timings.core_s
-    kept = min(1.0, _KEPT_S / told_s)
-    sums[machine] = kept * told_s, kept * took_s
+    share = min(1.0, _KEPT_S / told_s)
+    sums[machine] = share * told_s, share * took_s
     with suppress(RenderError):  # a study does not fail for it
         write_bytes(_file(), json.dumps(sums, indent=1).encode())
 

@@ -72,9 +72,7 @@ class Film:
 
 
 def preview_files(
-    job: Job,
-    frames: Sequence[NDArray[np.float32]],
-    films: Mapping[tuple[SensorId, float], Film],
+    job: Job, frames: Sequence[NDArray[np.float32]], films: Mapping[tuple[SensorId, float], Film]
 ) -> dict[str, bytes]:
     """Draw a job's previews.
 
@@ -118,5 +116,5 @@ def _seen(frame: NDArray[np.float32], part_px: int, side: int) -> NDArray[np.flo
     """Return the center of a frame as a sensor of `side` px there sees it, tone-mapped."""
     top, left = (frame.shape[0] - part_px) // 2, (frame.shape[1] - part_px) // 2
     center = np.clip(frame[top : top + part_px, left : left + part_px], 0, 1)
-    seen = cv2.resize(center, (side, side), interpolation=cv2.INTER_AREA)
-    return (seen ** (1 / _GAMMA)).astype(np.float32)
+    image = cv2.resize(center, (side, side), interpolation=cv2.INTER_AREA)
+    return (image ** (1 / _GAMMA)).astype(np.float32)

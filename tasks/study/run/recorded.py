@@ -16,12 +16,8 @@ from tasks.provenance import command, environment
 def check_recorded(out: Path) -> None:
     """Refuse to write into the folder of a rendered study."""
     file = out / "study.json"
-    if not file.exists():
-        return
-    if "recorded" not in read_json(dict[str, Any], file, StudyError):
-        raise StudyError(
-            f"{file}: found no list of recordings, as of a rendered study, expected another --out"
-        )
+    if file.exists() and "recorded" not in read_json(dict[str, Any], file, StudyError):
+        raise StudyError(f"{file}: is of a rendered study, not of recordings; choose another --out")
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:
@@ -39,6 +35,6 @@ def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str,
         "recorded": [str(folder.absolute()) for folder in recordings],
         "evaluate": dict(settings),
     }
-    found = {"command": command(), **environment()}
-    for name, content in (("study.json", config), ("environment.json", found)):
+    versions = {"command": command(), **environment()}
+    for name, content in (("study.json", config), ("environment.json", versions)):
         write_text(out / name, json.dumps(content, indent=1) + "\n")

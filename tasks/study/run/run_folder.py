@@ -31,19 +31,18 @@ class RunFolder:
     Parameters
     ----------
     mix
-        Whether the run may continue with another Mitsuba or device than it began with.
+        Allow resuming with another Mitsuba version or device than the run started with.
     """
 
     def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:
         if folder.exists() and not folder.is_dir():
             raise StudyError(f"{folder}: found a file, expected a folder for the run")
-        if not (folder / "study.json").exists():
-            others = [name for name in _REPLACED if (folder / name).exists()]
-            if others:
-                raise StudyError(
-                    f"{folder}: found {' and '.join(others)} without study.json, expected a new "
-                    "folder or that of a run"
-                )
+        others = [name for name in _REPLACED if (folder / name).exists()]
+        if others and not (folder / "study.json").exists():
+            raise StudyError(
+                f"{folder}: found {' and '.join(others)} without study.json, expected a new folder "
+                "or that of a run"
+            )
         self._folder, self._jobs, self._mix = folder, jobs, mix
         self._rows_of = _rows_so_far(folder / "parts", jobs)
         self._environment = _environment_so_far(folder)
@@ -59,12 +58,12 @@ class RunFolder:
 
     def to_do(self) -> list[QueuedJob]:
         """Return the jobs that the folder lacks, and those whose highlights it lacks."""
-        found = []
+        queue = []
         for key, job in self._jobs.items():
             is_first = key == self._first[job.scene.name]
             if key not in self._rows_of or (is_first and not self._has_highlights(job)):
-                found.append(QueuedJob(job, key, is_first))
-        return found
+                queue.append(QueuedJob(job, key, is_first))
+        return queue
 
     def check(self, environment: Mapping[str, str]) -> None:
         """Check that Mitsuba and the device are those of the finished jobs."""
@@ -86,32 +85,31 @@ class RunFolder:
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
         self._write("environment.json", self._environment)
-        write_rows(_rows_file(self._folder / "parts", queued.key), computed.rows)
+        write_rows(self._folder / "parts" / f"{queued.key}.parquet", computed.rows)
         self._rows_of[queued.key] = computed.rows
         self._has_other_rows = True
 
     def finish(self, study: Mapping[str, Any]) -> list[Row]:
         """Write the rows of all jobs, and what describes them."""
         files = [self._previews_of(name) for name in self._first]
-        if there := [file for file in files if file.exists()]:
-            listed = chain.from_iterable(
-                read_json(tuple[dict[str, Any], ...], file, ResultError) for file in there
-            )
-            found = [one for one in listed if (self._index.parent / one["file"]).exists()]
-            self._write(f"previews/{INDEX_NAME}", found)
+        if lists := [
+            read_json(tuple[dict[str, Any], ...], file, ResultError)
+            for file in files
+            if file.exists()
+        ]:
+            every = chain.from_iterable(lists)
+            pictures = [entry for entry in every if (self._index.parent / entry["file"]).exists()]
+            self._write(f"previews/{INDEX_NAME}", pictures)
         else:  # they may be deleted
             self._index.unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
-        if self._has_other_rows or not self._environment or not self._describes(study):
+        file = self._folder / "study.json"
+        described = file.exists() and file.read_bytes() == _json(study)
+        if self._has_other_rows or not self._environment or not described:
             self._write("environment.json", {**self._environment, "command": command()})
         self._write("study.json", study)
         return rows
-
-    def _describes(self, study: Mapping[str, Any]) -> bool:
-        """Return whether study.json has this study."""
-        file = self._folder / "study.json"
-        return file.exists() and file.read_bytes() == _json(study)
 
     def _has_highlights(self, job: Job) -> bool:
         """Return whether this job made the highlights of its scene.
@@ -142,37 +140,27 @@ def _json(value: Any) -> bytes:
     return json.dumps(value, indent=1).encode()
 
 
-def _rows_file(folder: Path, key: str) -> Path:
-    return folder / f"{key}.parquet"
-
-
 def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
     """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
     for key, job in work.items():
-        file = _rows_file(folder, key)
+        file = folder / f"{key}.parquet"
         if not file.exists():
             continue
         try:
             rows = read_rows(file)
+            others = {row.scene for row in rows} - {job.scene.name}  # a key has no names
+            if others:
+                raise ResultError(
+                    f"{file}: found rows of {', '.join(sorted(others))}, expected "
+                    f"{job.scene.name}, a scene of the same content"
+                )
+            rows_of[key] = rows
         except ResultError as error:
             _log.warning("%s; the job is computed again", error)
-            continue
-        if other := {row.scene for row in rows} - {job.scene.name}:  # a key has no names
-            _log.warning(
-                "%s: found rows of %s, expected %s, a scene of the same content; the job is "
-                "computed again",
-                *(file, ", ".join(sorted(other)), job.scene.name),
-            )
-            continue
-        rows_of[key] = rows
-    strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
-    if strangers:
-        one = len(strangers) == 1
-        _log.warning(
-            "%s: %d %s of another study or version %s not used",
-            *(folder, len(strangers), "job" if one else "jobs", "is" if one else "are"),
-        )
+    if strangers := {file.stem for file in folder.glob("*.parquet")} - set(work):
+        count = f"{len(strangers)} job{'s' * (len(strangers) > 1)}"
+        _log.warning("%s: left out %s of another study or version", folder, count)
     return rows_of
 
 

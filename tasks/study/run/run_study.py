@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,18 @@ from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
 from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import (
-    Job,
     QueuedJob,
     check_weights,
     distance_m_of,
     jobs_of,
+    methods_of,
     scale_of,
     trials,
     weight_digests,
 )
 from tasks.study.run.pace import add_job, pace_of
 from tasks.study.run.run_folder import RunFolder
-from tasks.study.run.scheduler import Scheduler, open_scheduler
+from tasks.study.run.scheduler import open_scheduler
 
 _log = logging.getLogger(__name__)
 
@@ -63,7 +64,7 @@ def run_study(
     on_progress
         Called as jobs proceed; jobs of earlier starts count as done.
     mix
-        Whether the run may continue with another Mitsuba or device than it began with.
+        Allow resuming with another Mitsuba version or device than the run started with.
 
     Returns
     -------
@@ -85,11 +86,13 @@ def run_study(
     """
     out = Path(out)
     with open_scheduler(scheduler) as computing:
-        _check_methods(study)
+        sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
+        speeds = study.simulate.speeds_m_s or study.simulate.speeds
+        check_methods(study.evaluate, sizes * len(speeds))
         scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
-        rules.check_compares(work.values())
+        rules.check_compares(methods_of(work.values()))
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
@@ -102,11 +105,16 @@ def run_study(
         folder.check(here)
         jobs = [queued.job for queued in to_do]
         _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
-        new = trials(study, jobs, [work[key] for key in folder.finished])
-        _try_own_methods(new, computing, on_progress)
+        if new := trials(study, jobs, [work[key] for key in folder.finished]):
+            # A mistake in the user's own methods shows at once, not hours later.
+            _log.info("trying your own methods on one sample first")
+            trying = [QueuedJob(job, job.key, False) for job in new]
+            for _ in computing.compute(trying, _Counted(on_progress, len(new))):
+                pass  # the study does not keep these scores
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
-        counted = _Counted(on_progress, finished, len(to_do))
+        finished_s = sum(estimate_job(job).core_s for job in finished)
+        counted = _Counted(on_progress, len(work), len(finished), finished_s)
         try:
             with locked(out / ".lock", wait=False):
                 clear_unfinished(out)
@@ -114,7 +122,7 @@ def run_study(
                 for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
-                    counted.one_is_finished()
+                    counted.done += 1
                     if nth and here:  # the first one compiles; workers may share their cores
                         add_job(here, estimate_job(queued.job), computed.timings)
         except LockedError:
@@ -122,27 +130,21 @@ def run_study(
     return folder.finish(resolved)
 
 
-def _check_methods(study: Study) -> None:
-    """Refuse methods that do not exist, or whose networks do not fit the sensors."""
-    sizes = [(one.width, one.height) for *_, one in study.simulate.models(study.render)]
-    speeds = study.simulate.speeds_m_s or study.simulate.speeds
-    check_methods(study.evaluate, sizes * len(speeds))
-
-
 def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
     """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
     simulate = study.simulate
     speeds, distances = {}, {}
-    for one in scenes:
-        path = one.trajectory(one.camera(study.render.resolution, study.render.height))
-        scale = scale_of(simulate, one, path)
-        speeds[one.name] = round(scale * path.mean_speed_mps(one.duration_s), 6)
-        own_m = distance_m_of(one, path)
+    for scene in scenes:
+        path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
+        scale = scale_of(simulate, scene, path)
+        speeds[scene.name] = round(scale * path.mean_speed_mps(scene.duration_s), 6)
+        own_m = distance_m_of(scene, path)
         if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
-            distances[one.name] = round(scale * own_m, 6)
-    found = {"plane_distance_m": distances} if distances else {}
-    assumes = {"assumes": simulate.assumes}
-    return {**to_json(study), **assumes, "base_m_per_s": speeds, **found, "jobs": list(jobs)}
+            distances[scene.name] = round(scale * own_m, 6)
+    follows: dict[str, Any] = {"assumes": simulate.assumes, "base_m_per_s": speeds}
+    if distances:
+        follows["plane_distance_m"] = distances
+    return {**to_json(study), **follows, "jobs": list(jobs)}
 
 
 def _scenes(study: Study) -> list[Scene]:
@@ -153,22 +155,7 @@ def _scenes(study: Study) -> list[Scene]:
     return scenes
 
 
-def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progress) -> None:
-    """Run the user's own methods once, so that a mistake in them shows at once, not hours later.
-
-    Raises
-    ------
-    MethodError
-        As the scorers raise it.
-    """
-    if not jobs:
-        return
-    _log.info("trying your own methods on one sample first")
-    queued = [QueuedJob(job, job.key, False) for job in jobs]
-    for _ in computing.compute(queued, _Counted(on_progress, [], len(jobs))):
-        pass  # the study does not keep these scores
-
-
+@dataclass(slots=True)
 class _Counted:
     """Progress among all jobs of a run, of which earlier starts finished some.
 
@@ -176,21 +163,17 @@ class _Counted:
     ----------
     on_progress
         Called with the number of finished jobs before each text.
-    finished
-        Jobs that were done before.
-    to_do
-        Number of the others; `one_is_finished` counts them.
+    total, done
+        Number of all jobs and of the finished ones.
+    before_s
+        Estimated core seconds of the jobs that earlier starts finished.
     """
 
-    def __init__(self, on_progress: Progress, finished: Sequence[Job], to_do: int) -> None:
-        self._on_progress = on_progress
-        self._found_s = sum(estimate_job(job).core_s for job in finished)
-        self._done, self._total = len(finished), len(finished) + to_do
-
-    def one_is_finished(self) -> None:
-        """Count a job."""
-        self._done += 1
+    on_progress: Progress
+    total: int
+    done: int = 0
+    before_s: float = 0.0
 
     def __call__(self, stage: str, done: float, total: float, /) -> None:
-        text = f"{self._done}/{self._total} jobs: {stage}"
-        self._on_progress(text, self._found_s + done, self._found_s + total)
+        text = f"{self.done}/{self.total} jobs: {stage}"
+        self.on_progress(text, self.before_s + done, self.before_s + total)

@@ -106,8 +106,8 @@ def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, byt
     color = np.where(share > 0, BRIGHTER, DARKER)
     picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
     numbers = asdict(scaling)
-    for one in numbers["intervals"]:
-        one["cutoff_hz"] = repr(one["cutoff_hz"])  # JSON has no inf
+    for histogram in numbers["intervals"]:
+        histogram["cutoff_hz"] = repr(histogram["cutoff_hz"])  # JSON has no inf
     return {
         f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
         f"{scaling.scene}.json": json.dumps(numbers).encode(),

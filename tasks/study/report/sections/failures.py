@@ -18,14 +18,14 @@ from tasks.variants import sigma_mm
 
 def sweeps(scores: Scores) -> dict[str, list[Series]]:
     """Return the series of each tracking method with several perturbations, ascending, by name."""
-    methods = dict.fromkeys(one.method for one in scores.series() if one.task == TRACKING.task)
-    found = [sweep(scores, method) for method in methods]
-    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one[1:]}
+    methods = dict.fromkeys(s.method for s in scores.series() if s.task == TRACKING.task)
+    every = [sweep(scores, method) for method in methods]
+    return {sigmas[0]._replace(variant="").name: sigmas for sigmas in every if sigmas[1:]}
 
 
-def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
+def sweep_table(scores: Scores, sigmas: list[Series], scene: str) -> Table:
     """List success and error of one method at base speed."""
-    metric, sensors = TASKS[found[0].task].metric, scores.sensors(found[0])
+    metric, sensors = TASKS[sigmas[0].task].metric, scores.sensors(sigmas[0])
 
     def text(series: Series, of: SensorId, cutoff_hz: float) -> Text:
         where = Condition(scene, of.width, cutoff_hz, base_speed(scores, series), of.name)
@@ -37,61 +37,54 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
 
     blocks = {
         cutoff_text(hz): {
-            Text(one.variant): [text(one, sensor, hz) for sensor in sensors] for one in found
+            Text(series.variant): [text(series, sensor, hz) for sensor in sensors]
+            for series in sigmas
         }
-        for hz in scores.cutoffs_hz(found[0])
+        for hz in scores.cutoffs_hz(sigmas[0])
     }
     caption = f"{scene}: share of successful trials, and median error of all trials"
     heads = [Text(""), *(Text(sensor.label) for sensor in sensors)]
     return Table(caption, heads, blocks)
 
 
-def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
+def sweep_plot(scores: Scores, sigmas: list[Series], name: str) -> Plot:
     """Plot success against perturbation at base speed, over all scenes."""
-    sensors = scores.sensors(found[0])
+    sensors = scores.sensors(sigmas[0])
     panels = [
-        Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, one, hz) for one in sensors])
-        for hz in scores.cutoffs_hz(found[0])
+        Panel(*cutoff_text(hz)[:2], [_success_line(scores, sigmas, of, hz) for of in sensors])
+        for hz in scores.cutoffs_hz(sigmas[0])
     ]
     title = f"Success over the perturbation, {name}"
     axes = "standard deviation of the perturbation [mm]", "successful trials [%]"
     return plot(title, *axes, sensor_keys(sensors), panels, include_y=(0, 100))
 
 
-def _success_line(scores: Scores, found: list[Series], of: SensorId, cutoff_hz: float) -> Line:
-    shares = {one: _pooled_success(scores, one, of, cutoff_hz) for one in found}
-    points = [
-        Point(
-            x,
-            100 * share,
-            [of.label, one.variant, f"{share_text(share)} succeed"],
-        )
-        for one, share in shares.items()
-        if share is not None and (x := sigma_mm(one.variant)) is not None
-    ]
+def _success_line(scores: Scores, sigmas: list[Series], of: SensorId, cutoff_hz: float) -> Line:
+    points = []
+    for series in sigmas:
+        at = of.width, cutoff_hz, base_speed(scores, series), of.name
+        cells = [scores.cell(series, Condition(scene, *at)) for scene in scores.scenes(series)]
+        failed = [cell.failed for cell in cells if cell.complete]
+        sigma = sigma_mm(series.variant)
+        if failed and sigma is not None:
+            share = float(1 - np.concatenate(failed).mean())
+            lines = [of.label, series.variant, f"{share_text(share)} succeed"]
+            points.append(Point(sigma, 100 * share, lines))
     return Line(points)
-
-
-def _pooled_success(scores: Scores, series: Series, of: SensorId, cutoff_hz: float) -> float | None:
-    at = of.width, cutoff_hz, base_speed(scores, series), of.name
-    cells = [scores.cell(series, Condition(scene, *at)) for scene in scores.scenes(series)]
-    failed = [cell.failed for cell in cells if cell.complete]
-    return float(1 - np.concatenate(failed).mean()) if failed else None
 
 
 def failure_table(scores: Scores) -> Table | None:
     """Count the failures of each method that can give up or did fail, by reason; None without
     such a method."""
     rows = {}
-    for one in scores.series():
-        total = scores.answers(one)
-        reasons = scores.failures(one)
+    for series in scores.series():
+        total, reasons = scores.answers(series), scores.failures(series)
         failed = reasons.total()
-        if TASKS[one.task].share_column is None and not failed:
+        if TASKS[series.task].share_column is None and not failed:
             continue
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
-        rows[Text(one.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
+        rows[Text(series.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
     caption = "Failures over all conditions"
     return Table(caption, heads, {Text(""): rows}, "failures") if rows else None

@@ -64,56 +64,50 @@ class Block:
     rows: Mapping[Text, Sequence[Answer]]
 
 
-@dataclass(frozen=True, slots=True)
-class Matrix:
-    """All answers: lights as groups of columns, scenes as blocks of rows.
+def matrix(run: FinishedRun) -> dict[str, object]:
+    """Return the answers of a run: the main methods at the speeds that all have, or else most.
 
-    `near` names the negligible differences, in the units of the metrics. `compared` and
-    `uncompared` name the tasks in which doing nothing was scored and was not. `widths` are those of
-    the sensors, px, each once.
+    Returns
+    -------
+    near
+        The negligible differences, in the units of the metrics.
+    compared, uncompared
+        Tasks in which doing nothing was scored, and was not.
+    widths
+        Those of the sensors, px, each once.
+    lights, blocks
+        Lights as groups of columns, and a `Block` of rows for each scene.
     """
-
-    near: str
-    compared: Sequence[str]
-    uncompared: Sequence[str]
-    widths: Sequence[int]
-    lights: Sequence[Text]
-    blocks: Mapping[str, Block]
-
-
-def matrix(run: FinishedRun) -> Matrix:
-    """Return the answers of a run: the main methods at the speeds that all have, or else most."""
     scores = run.scores
-    series = [one for one in run.series if is_main(one)] or run.firsts
-    cutoffs_hz = sorted({hz for one in series for hz in scores.cutoffs_hz(one)}, reverse=True)
-    widths = sorted({sensor.width for one in series for sensor in scores.sensors(one)})
-    pairs = [(one, scene) for one in series for scene in scores.scenes(one)]
+    main = [series for series in run.series if is_main(series)] or run.firsts
+    cutoffs_hz = sorted({hz for series in main for hz in scores.cutoffs_hz(series)}, reverse=True)
+    widths = sorted({sensor.width for series in main for sensor in scores.sensors(series)})
+    pairs = [(series, scene) for series in main for scene in scores.scenes(series)]
     counts = Counter(speed for pair in pairs for speed in scores.speeds(*pair))
     speeds = sorted(speed for speed in counts if counts[speed] == max(counts.values()))
     blocks = {}
     for scene in run.scenes:
         rows = {
-            Text(capitalized(TASKS[one.task].title), TASKS[one.task].label(one.method)): [
-                _answer(run, one, (scene, hz, speed), widths)
+            Text(capitalized(TASKS[series.task].title), TASKS[series.task].label(series.method)): [
+                _answer(run, series, (scene, hz, speed), widths)
                 for hz in cutoffs_hz
                 for speed in speeds
             ]
-            for one in series
-            if {*speeds} & {*scores.speeds(one, scene)}
+            for series in main
+            if {*speeds} & {*scores.speeds(series, scene)}
         }
-        blocks[scene] = Block([speed_label(scene, one, run.base_speeds) for one in speeds], rows)
-    metrics = dict.fromkeys(TASKS[one.task].metric for one in series)
-    near = join_words([metric.near for metric in metrics], "or")
-    tasks = dict.fromkeys(TASKS[one.task].title for one in series)
-    compared = {TASKS[one.task].title for one in series if _has_baseline(scores, one)}
-    return Matrix(
-        near,
-        [task for task in tasks if task in compared],
-        [task for task in tasks if task not in compared],
-        widths,
-        [*map(cutoff_text, cutoffs_hz)],
-        blocks,
-    )
+        blocks[scene] = Block([speed_label(scene, v, run.base_speeds) for v in speeds], rows)
+    metrics = dict.fromkeys(TASKS[series.task].metric for series in main)
+    tasks = dict.fromkeys(TASKS[series.task].title for series in main)
+    compared = {TASKS[series.task].title for series in main if _has_baseline(scores, series)}
+    return {
+        "near": join_words([metric.near for metric in metrics], "or"),
+        "compared": [task for task in tasks if task in compared],
+        "uncompared": [task for task in tasks if task not in compared],
+        "widths": widths,
+        "lights": [*map(cutoff_text, cutoffs_hz)],
+        "blocks": blocks,
+    }
 
 
 def _has_baseline(scores: Scores, series: Series) -> bool:
@@ -134,11 +128,12 @@ def _answer(
         return Answer(where, [missing] * (1 + len(capacities_hz())))
     rates_hz = choice.event_rates_hz
 
-    def shown(one: SensorId, bus_hz: float) -> Shown:
-        share = rates_hz[one] / bus_hz
+    def shown(sensor: SensorId, bus_hz: float) -> Shown:
+        share = rates_hz[sensor] / bus_hz
         of_bus = "<1" if share < 0.01 else round(100 * share)
-        fineness = round(100 * widths.index(one.width) / max(len(widths) - 1, 1))
-        return Shown(*(str(one), f"{rate_label(rates_hz[one])} · {of_bus}\u202f%", f"{fineness}%"))
+        fineness = round(100 * widths.index(sensor.width) / max(len(widths) - 1, 1))
+        facts = f"{rate_label(rates_hz[sensor])} · {of_bus}\u202f%"
+        return Shown(str(sensor), facts, f"{fineness}%")
 
     own_hz = run.buses_hz[choice.enough]
     usual = shown(choice.enough, own_hz)
@@ -146,8 +141,8 @@ def _answer(
         on_any_bus = usual._replace(facts="on any bus")
         return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
     on_buses = [
-        Shown("none", "is enough on this bus") if one is None else shown(one, bus_hz)
-        for bus_hz, one in choice.on_buses.items()
+        Shown("none", "is enough on this bus") if sensor is None else shown(sensor, bus_hz)
+        for bus_hz, sensor in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > own_hz
     tied = None if choice.tied is None else str(choice.tied)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
-from tasks.study.claims.verdict import Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
 from tasks.study.results.choice import Choice
@@ -22,52 +19,47 @@ from tasks.study.results.words import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
-    """What the section shows.
+def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
+    """Compare the photoreceptors of a run; None if it has only one.
 
-    Attributes
-    ----------
+    Returns
+    -------
     names
         The photoreceptors in words, that of the page first.
     tables
         A table of leads for each main method.
     verdicts
-        Verdicts on claims that are not the same with all photoreceptors.
+        A table of the verdicts that are not the same with all photoreceptors.
     """
-
-    names: list[str]
-    tables: list[Table]
-    verdicts: Table
-
-
-def compare_photoreceptors(run: FinishedRun) -> Readings | None:
-    """Compare the photoreceptors of a run; None if it has only one."""
     if not run.others:
         return None
     readings = {run.scores.photoreceptor: run.scores}
-    readings |= {name: found[0] for name, found in run.others.items()}
+    readings |= {name: scores[0] for name, scores in run.others.items()}
     names = [photoreceptor_label(name) for name in readings]
     heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
     tables = [
-        _table(series, found, heads, run)
+        _table(series, of_series, heads, run)
         for series in run.series
-        if is_main(series) and (found := leads(readings, series))
+        if is_main(series) and (of_series := leads(readings, series))
     ]
-    verdicts = changed_verdicts(run.verdicts_by_photoreceptor)
-    return Readings(names, tables, _verdicts(verdicts, heads))
+    rows = {
+        Text(f"{of_claim[0].number}", of_claim[0].title): [Text(v.status) for v in of_claim]
+        for of_claim in changed_verdicts(run.verdicts_by_photoreceptor)
+    }
+    verdicts = Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})
+    return {"names": names, "tables": tables, "verdicts": verdicts}
 
 
-def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRun) -> Table:
+def _table(series: Series, of_series: list[Lead], heads: list[Text], run: FinishedRun) -> Table:
     metric = TASKS[series.task].metric
-    with_paper = any(lead.paper is not None for lead in found)
+    with_paper = any(lead.paper is not None for lead in of_series)
     blocks: dict[Text, dict[Text, list[Text]]] = {}
-    for lead in found:
+    for lead in of_series:
         cells = [
             Text(MISSING)
-            if one is None or choice is None
-            else Text(one.text(metric.decimals), _enough(choice))
-            for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
+            if interval is None or choice is None
+            else Text(interval.text(metric.decimals), _enough(choice))
+            for interval, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
         speed = speed_label(lead.scene, lead.speed, run.base_speeds)
@@ -76,7 +68,7 @@ def _table(series: Series, found: list[Lead], heads: list[Text], run: FinishedRu
         if head in rows:  # speeds that differ by less than their digits
             head = head._replace(small=f"{lead.speed:g} times the base speed")
         rows[head] = [*cells, *[Text(paper)] * with_paper]
-    fine, coarse = (one.label for one in found[0].sensors)
+    fine, coarse = (sensor.label for sensor in of_series[0].sensors)
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse}, {metric.unit}"
     last = [Text("paper")] * with_paper
     return Table(caption, [Text(""), *heads, *last], blocks)
@@ -86,11 +78,3 @@ def _enough(choice: Choice) -> str:
     if not choice.worthwhile:
         return "doing nothing is as good"
     return f"enough: {choice.enough.label}"
-
-
-def _verdicts(found: list[tuple[Verdict, ...]], heads: list[Text]) -> Table:
-    rows = {
-        Text(f"{of_claim[0].number}", of_claim[0].title): [Text(one.status) for one in of_claim]
-        for of_claim in found
-    }
-    return Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensor.statistics import PowerLaw
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.results.asked import sensor_of
 from tasks.study.results.intervals import Interval
@@ -12,34 +11,29 @@ from tasks.study.results.scaling import FIT_PX, Intervals, Scaling
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
 
 
-def slope_plot(one: Scaling) -> Plot:
+def slope_plot(scaling: Scaling) -> Plot:
     """Plot |L_t| against pixel size, with its power laws; without lines where nothing moves."""
-    curves = {"at edges": ("ink", one.edges), "everywhere": ("soft", one.everywhere)}
-    ends = [float(min(one.sizes_px)), FIT_PX]
+    curves = {"at edges": ("ink", scaling.edges), "everywhere": ("soft", scaling.everywhere)}
+    ends = [float(min(scaling.sizes_px)), FIT_PX]
     keys, lines = [], []
-    for name, (color, found) in curves.items():
-        keys.append(Key(f"{name}: {_law_text(found.law)}", color, CIRCLE))
-        if found.law is None:
+    for name, (color, slopes) in curves.items():
+        if (law := slopes.law) is None:
+            keys.append(Key(f"{name}: 0, nothing moves", color, CIRCLE))
             lines.append(Line([], []))
             continue
+        exponent = Interval(law.exponent, law.low, law.high)
+        keys.append(Key(f"{name}: γ = {exponent.text(sign='')}", color, CIRCLE))
         points = [
             Point(size, mean, [name, f"{size:g} px", f"{mean:.3g} /s"])
-            for size, mean in zip(one.sizes_px, found.mean_hz, strict=True)
+            for size, mean in zip(scaling.sizes_px, slopes.mean_hz, strict=True)
         ]
-        law = [(size, found.law.factor * size**-found.law.exponent) for size in ends]
-        lines.append(Line(points, law))
+        lines.append(Line(points, [(size, law.factor * size**-law.exponent) for size in ends]))
     panel = Panel("(b) |Lₜ| against pixel size", f"fitted up to {FIT_PX:g} px", lines)
     axes = "pixel size p [px of the render]", "|Lₜ| [1/s]"
-    return plot(f"Slope, {one.scene}", *axes, keys, [panel], log_y=True)
+    return plot(f"Slope, {scaling.scene}", *axes, keys, [panel], log_y=True)
 
 
-def _law_text(law: PowerLaw | None) -> str:
-    if law is None:
-        return "0, nothing moves"
-    return f"γ = {Interval(law.exponent, law.low, law.high).text(sign='')}"
-
-
-def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
+def interval_plot(scaling: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     """Plot histograms: highest cutoff at the lowest speed, lowest cutoff at both extreme speeds.
 
     Returns
@@ -47,15 +41,16 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     Plot
         Shares of the intervals between a pixel's events, by length.
     """
-    settings = one.settings()
+    settings = scaling.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
     chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])
-    sensors = sorted({sensor_of(interval) for interval in one.intervals})
-    shares = {(sensor_of(i), i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
-    edges_ms = np.array(one.edges_us) * 1e-3
+    sensors = sorted({sensor_of(interval) for interval in scaling.intervals})
+    shares = {(sensor_of(i), i.cutoff_hz, i.speed): _shares(i) for i in scaling.intervals}
+    edges_ms = np.array(scaling.edges_us) * 1e-3
     drawn = [share for (_, *setting), share in shares.items() if tuple(setting) in chosen]
-    seen = np.any([share > 5e-4 for share in drawn], axis=0)
-    first, last = np.flatnonzero(seen if seen.any() else ~seen)[[0, -1]]  # without events, all
+    # Without events, all bins are drawn.
+    visible = np.any([share > 5e-4 for share in drawn], axis=0)
+    first, last = np.flatnonzero(visible if visible.any() else ~visible)[[0, -1]]
     middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])[first : last + 1]
     keys, panels = sensor_keys(sensors), []
     for cutoff_hz, speed in chosen:
@@ -66,16 +61,15 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
                 continue
             share = shares[sensor, cutoff_hz, speed][first : last + 1].tolist()
             points = []
-            if (mode_us := one.mode_us(sensor, cutoff_hz, speed)) is not None:
+            if (mode_us := scaling.mode_us(sensor, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles_ms / (mode_us * 1e-3)))))
                 mode, most = f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"
-                said = [key.name, mode, most]
-                points.append(Point(float(middles_ms[k]), share[k], said))
+                points.append(Point(float(middles_ms[k]), share[k], [key.name, mode, most]))
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
-        fast = speed_label(one.scene, speed, base)
+        fast = speed_label(scaling.scene, speed, base)
         detail = f"{cutoff_detail(cutoff_hz)}, {fast}; marks: the mode"
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
-    title = f"Intervals between events, {one.scene}"
+    title = f"Intervals between events, {scaling.scene}"
     axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"
     return plot(title, *axes, keys, panels, include_y=[0])
 

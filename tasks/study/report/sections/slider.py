@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
@@ -30,33 +29,22 @@ from tasks.study.results.slider import (
 from tasks.study.results.words import MISSING
 
 _WIDTHS = [width for width, _ in FIELD_PX]
+_FACTORS = {speed: round(speed / BASE_SPEED_M_PER_S, 9) for speed in SPEEDS_M_PER_S}
 
 _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
 
 
-@dataclass(frozen=True, slots=True)
-class SliderSection:
-    """What the section shows.
+def slider_section(run: FinishedRun) -> dict[str, object] | None:
+    """Compare a run on the virtual slider with the paper; None if the run has no such scores.
 
-    Attributes
-    ----------
-    wins
-        On how many prints the full size is best, the paper's and ours.
-    tables
-        Scores by the method's title.
+    Returns
+    -------
+    wins, tables
+        Tables: on how many prints the full size is best, and scores by the method's title.
     worse_than_nothing, nothing_mm
         How many of the paper's 9 position errors at the highest speed are larger than that of its
         initial path, and the error of that path, mm.
     """
-
-    wins: Table
-    tables: Mapping[str, Table]
-    worse_than_nothing: int
-    nothing_mm: float
-
-
-def slider_section(run: FinishedRun) -> SliderSection | None:
-    """Compare a run on the virtual slider with the paper; None if the run has no such scores."""
     scores = run.scores
     pairs = [
         (series, paper)
@@ -65,42 +53,36 @@ def slider_section(run: FinishedRun) -> SliderSection | None:
     ]
     if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
         return None
-    return SliderSection(
-        _wins(scores, pairs),
-        {series.title: _table(scores, series, paper) for series, paper in pairs},
-        worse_than_nothing(SPEEDS_M_PER_S[-1]),
-        NOTHING_MM,
-    )
+    return {
+        "wins": _wins(scores, pairs),
+        "tables": {series.title: _table(scores, series, paper) for series, paper in pairs},
+        "worse_than_nothing": worse_than_nothing(SPEEDS_M_PER_S[-1]),
+        "nothing_mm": NOTHING_MM,
+    }
 
 
 def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
     """Return the paper's scores by task and method, then by print and speed, from far to near."""
-    found: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
-    for one in slider_scores():
-        of_method = found.setdefault((one.task, one.method), {})
-        of_method.setdefault((one.picture, one.speed_m_per_s), []).append(one.value)
-    return found
+    methods: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
+    for score in slider_scores():
+        of_method = methods.setdefault((score.task, score.method), {})
+        of_method.setdefault((score.picture, score.speed_m_per_s), []).append(score.value)
+    return methods
 
 
 def _series(scores: Scores, task: str, method: str) -> list[Series]:
     """Return a method's series of all variants; one without scores if it was not run."""
     usual = Series(task, method, TASKS[task].metric.name)
-    found = [one for one in scores.series() if one[:2] == usual[:2] and _measured(scores, one)]
-    return found or [usual]
+    variants = [series for series in scores.series() if series[:2] == usual[:2]]
+    return [series for series in variants if _measured(scores, series)] or [usual]
 
 
 def _measured(scores: Scores, series: Series) -> bool:
     of_slider = {*map(SensorId, _WIDTHS)} & {*scores.sensors(series)}
-    at_its_speeds = {factor for _, factor in _speeds()} & {
+    at_its_speeds = {*_FACTORS.values()} & {
         round(speed, 9) for speed in scores.speeds(series) if not isinstance(speed, MetersPerSecond)
     }
     return bool(of_slider and at_its_speeds and set(PRINTS) & set(scores.scenes(series)))
-
-
-def _speeds() -> Iterator[tuple[float, float]]:
-    """Yield the speeds of the slider, m/s, each with its factor."""
-    for speed in SPEEDS_M_PER_S:
-        yield speed, round(speed / BASE_SPEED_M_PER_S, 9)
 
 
 def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
@@ -108,14 +90,10 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     metric = TASKS[series.task].metric
     blocks: dict[Text, Rows] = {}
     for scene in PRINTS:
-        for speed, factor in _speeds():
+        for speed, factor in _FACTORS.items():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
-            rows = {
-                Text("paper"): [
-                    _paper_text(series, value, width)
-                    for value, (width, _) in zip(paper[scene, speed], SIZES_PX[scene], strict=True)
-                ]
-            }
+            fields = zip(paper[scene, speed], SIZES_PX[scene], strict=True)
+            rows = {Text("paper"): [_paper_text(series, v, width) for v, (width, _) in fields]}
             lights = scores.cutoffs_hz(series)
             for hz in lights:
                 rows[Text(light_label(hz))] = [
@@ -124,7 +102,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
             if lights:  # doing nothing is the same in every light
                 idle = [scores.baseline(series, at._replace(cutoff_hz=lights[0])) for at in where]
                 rows[Text("doing nothing")] = [
-                    Text(MISSING if one.median is None else metric.text(one.median)) for one in idle
+                    Text(MISSING if c.median is None else metric.text(c.median)) for c in idle
                 ]
             blocks[Text(scene, f"{speed:g} m/s")] = rows
     heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
@@ -143,36 +121,24 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
     for series, paper in pairs:
-        rows = {
-            Text("paper"): [
-                _share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])
-                for speed in SPEEDS_M_PER_S
-            ]
-        }
+        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in _FACTORS]}
         for hz in scores.cutoffs_hz(series):
-            rows[Text(light_label(hz))] = [
-                _share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])
-                for _, factor in _speeds()
-            ]
+            rows[Text(light_label(hz))] = []
+            for speed in _FACTORS.values():
+                places = [[Condition(s, w, hz, speed) for w in _WIDTHS] for s in PRINTS]
+                medians = [
+                    [scores.cell(series, at).median for at in of_print] for of_print in places
+                ]
+                rows[Text(light_label(hz))].append(_share(series, medians))
         blocks[Text(series.title)] = rows
     heads = [Text(""), *(Text(f"{speed:g} m/s") for speed in SPEEDS_M_PER_S)]
     return Table("On how many prints the full size is best", heads, blocks)
 
 
-def _full_is_best(series: Series, values: Sequence[float]) -> bool:
+def _share(series: Series, prints: Sequence[Sequence[float | None]]) -> Text:
+    """Count the prints on which the full size is best, of those with scores of all widths."""
     sign = TASKS[series.task].metric.sign
-    return sign * values[-1] == max(sign * value for value in values)
-
-
-def _ours_is_best(
-    scores: Scores, series: Series, scene: str, hz: float, speed: float
-) -> bool | None:
-    """Return whether the full size is best; None if scores are missing."""
-    medians = [scores.cell(series, Condition(scene, width, hz, speed)).median for width in _WIDTHS]
-    complete = [value for value in medians if value is not None]
-    return _full_is_best(series, complete) if len(complete) == len(medians) else None
-
-
-def _share(best: Sequence[bool | None]) -> Text:
-    known = [one for one in best if one is not None]
-    return Text(f"{sum(known)} of {len(known)}" if known else MISSING)
+    known = [[sign * value for value in values if value is not None] for values in prints]
+    complete = [values for values in known if len(values) == len(_WIDTHS)]
+    best = sum(values[-1] == max(values) for values in complete)
+    return Text(f"{best} of {len(complete)}" if complete else MISSING)

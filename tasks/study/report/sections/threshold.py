@@ -19,7 +19,7 @@ Comparison = tuple[Plot, Table, Table]
 
 
 def compare_thresholds(
-    found: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
 ) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
@@ -28,59 +28,44 @@ def compare_thresholds(
     bus_hz
         Capacity of a bus, events/s.
     """
-    ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
-    first = found[0]
-    at = bus_hz, base
-    return {scene: _compare(ascending, first, series, scene, *at) for scene in first.scenes(series)}
-
-
-def _compare(
-    ascending: list[Scores],
-    first: Scores,
-    series: Series,
-    scene: str,
-    bus_hz: float,
-    base: BaseSpeeds,
-) -> Comparison:
-    metric = TASKS[series.task].metric
+    ascending = sorted(thresholds, key=lambda scores: scores.contrast_threshold)
+    first, metric = thresholds[0], TASKS[series.task].metric
     speed, sensors = base_speed(first, series), first.sensors(series)
-    panels: list[Panel] = []
-    choices: dict[Text, list[Text]] = {}
-    blocks: dict[Text, Rows] = {}
-    for hz in first.cutoffs_hz(series):
-        where = [Condition(scene, one.width, hz, speed, one.name) for one in sensors]
-        points = [[score_point(s, series, at, base) for s in ascending] for at in where]
-        light = cutoff_text(hz)
-        panels.append(Panel(*light[:2], [Line([*filter(None, of_one)]) for of_one in points]))
-        choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
-        blocks[light] = {
-            Text(sensor_of(at).label): [_score(scores, series, at) for scores in ascending]
-            for at in where
-        }
-    heads = [
-        Text(f"C = {s.contrast_threshold:g}", "this page" if s is first else "") for s in ascending
-    ]
-    caption = (
-        f"{scene}: median {metric.heading}, and million events per second; struck out: no better "
-        "than doing nothing"
-    )
-    by_threshold = f"by contrast threshold, {scene}"
-    keys = sensor_keys(sensors)
-    return (
-        score_plot(f"Scores {by_threshold}", series, keys, panels, bus_hz),
-        Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
-        Table(caption, [Text("sensor"), *heads], blocks),
-    )
+    heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
+    comparisons = {}
+    for scene in first.scenes(series):
+        panels: list[Panel] = []
+        choices: dict[Text, list[Text]] = {}
+        blocks: dict[Text, Rows] = {}
+        for hz in first.cutoffs_hz(series):
+            where = [Condition(scene, s.width, hz, speed, s.name) for s in sensors]
+            points = [[score_point(s, series, at, base) for s in ascending] for at in where]
+            light = cutoff_text(hz)
+            panels.append(Panel(*light[:2], [Line([*filter(None, line)]) for line in points]))
+            choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
+            blocks[light] = {
+                Text(sensor_of(at).label): [_score(scores, series, at) for scores in ascending]
+                for at in where
+            }
+        caption = (
+            f"{scene}: median {metric.heading}, and million events per second; struck out: no "
+            "better than doing nothing"
+        )
+        by_threshold = f"by contrast threshold, {scene}"
+        comparisons[scene] = (
+            score_plot(f"Scores {by_threshold}", series, sensor_keys(sensors), panels, bus_hz),
+            Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
+            Table(caption, [Text("sensor"), *heads], blocks),
+        )
+    return comparisons
 
 
 def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float) -> Text:
     choice = choose(scores, series, scene, cutoff_hz, speed) if scores.sensors(series) else None
     if choice is None:
         return Text(MISSING, "samples are missing")
-    enough = choice.enough.label
-    if not choice.worthwhile:
-        return Text(enough, "", "struck")
-    return Text(enough, f"tied {choice.tied}" if choice.tied else "")
+    tied = f"tied {choice.tied}" if choice.tied and choice.worthwhile else ""
+    return Text(choice.enough.label, tied, "" if choice.worthwhile else "struck")
 
 
 def _score(scores: Scores, series: Series, where: Condition) -> Text:

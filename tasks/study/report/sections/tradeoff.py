@@ -32,12 +32,12 @@ def tradeoff_plots(
     bus_hz
         Capacity of a bus, events/s.
     """
-    found = {}
+    plots = {}
     for scene in scores.scenes(series):
         keys = sensor_keys(scores.sensors(series, scene), labeled=True)
         panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
-        found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
-    return found
+        plots[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
+    return plots
 
 
 def score_plot(
@@ -67,9 +67,9 @@ def score_plot(
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
     lines, baselines = [], set()
-    for one in scores.sensors(series, scene):
+    for sensor in scores.sensors(series, scene):
         where = [
-            Condition(scene, one.width, cutoff_hz, speed, one.name)
+            Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
             for speed in scores.speeds(series, scene)
         ]
         lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
