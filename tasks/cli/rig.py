@@ -27,10 +27,10 @@ _Recordings = Annotated[
 
 
 def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
-    """Draw the page: a picture with ArUco markers around it, to print.
+    """Draw the page to print: a picture with ArUco markers around it.
 
-    Writes OUT at its size on paper and, next to it, page.json with the markers in meters, and
-    page.png. Print at 100 % and measure a marker: its side is in page.json.
+    Writes OUT, and next to it page.png and page.json, which has the markers in meters. Print at
+    100 %, and check the side of a marker against page.json.
 
     Parameters
     ----------
@@ -78,21 +78,22 @@ def render(
     max_displacement: float = 0.5,
     seed: int = 0,
 ) -> None:
-    """Render what the camera of a virtual rig sees on all strokes of its slider.
+    """Render the views of a virtual rig's camera on all strokes of its slider.
 
     Writes the folder of a recording: rig.toml, the page, slider.csv, frames of a frame camera with
-    their exposures, truth.json, and the light, from which `eres simulate` makes the events:
-    `eres simulate OUT/light/continuous --out OUT/events.h5`. An interrupted render continues.
+    their exposures, truth.json, and the light. Simulate the events from the light with
+    `eres simulate OUT/light/continuous --out OUT/events.h5`. The same command continues an
+    interrupted render.
 
     Parameters
     ----------
     out
         Folder of the recording.
     depth
-        Distance of the camera's center from the page in the middle of a stroke, meters.
+        Distance from the camera's center to the page in the middle of a stroke, meters.
     images
-        Number of images of the frame camera, evenly spaced along the slider's travel; one more is
-        taken before the start.
+        Number of images of the frame camera, evenly spaced along the slider's travel. One more
+        image is taken before the start.
     exposure
         Exposure time of the frame camera, seconds.
     spp
@@ -100,7 +101,7 @@ def render(
     max_displacement
         Largest motion in the image between two rendered frames, px.
     seed
-        Seed of the samples, and of the images' noise.
+        Seed of the rendered samples and of the image noise.
     """
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.frame_camera_options import FrameCameraOptions
@@ -138,13 +139,13 @@ def intrinsics(
 ) -> None:
     """Calibrate a camera from recordings of a flashing chessboard.
 
-    Show a chessboard that flashes (a video on a screen), and record it from several sides, one file
-    for each view, with tilts of 20 degrees or more. Neither the camera nor the board moves.
+    Show a flashing chessboard, such as a video on a screen. Record it from several sides, one file
+    for each view, with tilts of 20 degrees or more. Keep the camera and the board still.
 
     Parameters
     ----------
     out
-        File for the camera, YAML as OpenCV writes it; name it in rig.toml as camera_file.
+        Camera file to write, in OpenCV's YAML. Name it in rig.toml as camera_file.
     board
         Inner corners of the board along a row and along a column.
     square
@@ -196,21 +197,21 @@ def detect(
     out
         File of corners, .parquet.
     source
-        Source of the images: frame, the frame camera; hf, the high-pass filter, from events alone;
-        ei, the first frame plus all events since (for simulated events without noise).
+        Source of the images: frame, the frame camera; hf, the high-pass filter on events alone; ei,
+        the first frame plus all later events, for simulated events without noise.
     images
         Number of images, evenly spaced along the slider's travel.
     max_speed
         Leave out times at which the slider is faster, m/s.
     threshold
-        Contrast threshold of ei, log units; by default that of the simulated sensor.
+        Contrast threshold for ei, log units; by default the simulated sensor's.
     blur
-        Standard deviation of the Gaussian that blurs each image first, px. With 2 px, at 1280 px,
-        the latency of ei is that of the photoreceptor to 10 %; corners get less exact, so use it
-        only for the latency. A marker's cells must be several times as wide.
+        Standard deviation of the Gaussian blur of each image, px. With 2 px at a width of 1280 px,
+        the latency of ei matches the photoreceptor's to 10 %. Corners are less exact, so use it
+        only to measure the latency. A marker's cells must be several times wider than the blur.
     refinement
-        How corners are refined, as in OpenCV; by default contour. Images of less than 640 px are
-        enlarged four times.
+        OpenCV's corner refinement; contour by default. Images narrower than 640 px are enlarged
+        four times.
     overwrite
         Replace an existing file.
     """
@@ -252,25 +253,25 @@ def solve(
     """Solve the camera's pose on the slider from the markers, for each recording.
 
     Estimates eight numbers: the camera's rotation, its position at the slider's 0, and the
-    direction of travel; their covariance is in OUT. Fails if the corners do not determine all of
-    them, or contradict each other. For a virtual recording, prints the errors; the truth is read
-    only after OUT is written.
+    direction of travel. OUT also has their covariance. Fails if the corners do not determine all
+    eight, or contradict each other. For a virtual recording, prints the errors against the truth,
+    which is read only after OUT is written.
 
     Parameters
     ----------
     out
         File of the calibration, .json.
     corners
-        Name of the file of `eres rig detect` in each recording's folder.
+        Name of the file from `eres rig detect` in each recording's folder.
     latency
-        Estimate how late the images are; needs images of both directions of travel.
+        Estimate the latency of the images; needs images in both directions of travel.
     scale
         Estimate the scale of the slider's encoder.
     corner_bias
-        Estimate how far corners appear shifted away from the middle of their markers, px; negative
-        is toward it, as in images of log intensity.
+        Estimate how far corners appear shifted away from the middle of their markers, px. Negative
+        values are toward the middle, as in images of log intensity.
     max_rms
-        Largest root mean square of the residuals, px; more is an error.
+        Fail if the root mean square of the residuals is larger, px.
     overwrite
         Replace an existing file.
     """
@@ -313,13 +314,13 @@ def solve(
 def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool = False) -> None:
     """Crop the events of recordings to the field that all of them show.
 
-    Writes a folder for each recording: events.h5, crop.json, the poses (TUM) and the homographies
-    from the page to the crop for each millisecond, the slider and the page.
+    Writes a folder for each recording: events.h5, crop.json, slider.csv, the page, and for each
+    millisecond the pose (TUM) and the homography from the page to the crop.
 
     Parameters
     ----------
     calibration
-        File of `eres rig solve` for all these recordings.
+        File from `eres rig solve` for all these recordings.
     out
         Folder for the crops.
     overwrite
@@ -369,28 +370,28 @@ def evaluate(
 ) -> None:
     """Score the methods of flow, video and tracking on the crops of a rig.
 
-    The truth comes from the solved poses at the times of the encoder; the delay of the sensor is
-    not removed. OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its
-    slider on these recordings, and `eres report OUT` draws their scores. Speeds are in m/s. Crops
-    that differ by less than 10 % in width count as one distance, and speeds within 10 % as one
-    speed. At each speed, what is scored is what all distances have: the same places and corners.
+    The truth comes from the solved poses at the encoder's times; the sensor's delay is not removed.
+    OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its slider on these
+    recordings, and `eres report OUT` draws their scores. Speeds are in m/s. Crops whose widths
+    differ by less than 10 % count as one distance, and speeds within 10 % as one speed. At each
+    speed, only places and corners that all distances share are scored.
 
     Parameters
     ----------
     out
-        Folder of the run: rows.parquet, study.json with what was recorded, environment.json.
+        Folder of the run, with rows.parquet, study.json and environment.json.
     tasks
-        What is scored; tracking needs a camera without distortion.
+        Tasks to score; tracking needs a camera without distortion.
     places
-        Number of places, evenly spaced along the part of the travel that all recordings of a print
-        share. Each time that the carriage passes one is scored. Intervals need 6 places.
+        Number of places, evenly spaced along the travel that all recordings of a print share. Every
+        pass of the carriage is scored. Intervals need 6 places.
     travel
         Travel of the slider in a window around a place, meters.
     threshold
-        Contrast threshold, log units; by default that of the simulated sensor.
+        Contrast threshold, log units; by default the simulated sensor's.
     cutoff
-        Cutoff of the photoreceptor, Hz, as `eres fit --crop --motion` estimates it; by default that
-        of the simulated sensor. It names the light in the report; no score depends on it.
+        Cutoff of the photoreceptor, Hz, as `eres fit --crop --motion` estimates it; by default the
+        simulated sensor's. It names the light in the report and changes no score.
     initial_sigma_mm
         Standard deviation of the initial error of each control position in tracking, mm.
     seed

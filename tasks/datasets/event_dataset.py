@@ -46,9 +46,9 @@ class EventDataset:
       window's end, and its time `frame_us`. It comes from the clip in the folder from which the
       events were simulated.
     - `flow` (H, W, 2) float32, px, and `flow_valid` (H, W): from `flow_us[0]` to `flow_us[1]`, the
-      interval of the ground truth that contains the window's center; outside of all intervals
-      nothing is valid, and they are those of the nearest. The target `occlusion` is
-      `flow_occluded` (H, W), over the same interval: whether something hides the point at its end.
+      interval of the ground truth that contains the window's center. A window outside all
+      intervals gets the nearest interval, with no valid flow. The target `occlusion` is
+      `flow_occluded` (H, W): whether something hides the point at the end of the interval.
     - `depth` (H, W), m, `pose` (4, 4), T_world_cam, and `instances` (H, W) uint8, k where moving
       object k is seen and 0 elsewhere: at `truth_us`, the time of the ground truth nearest to the
       window's end. With `pose` also the camera matrix `K` (3, 3), and `distortion` if the camera
@@ -57,17 +57,17 @@ class EventDataset:
     Parameters
     ----------
     folder
-        Folder with DSEC files from `eres simulate`, made with `--truth` for all targets but frames,
-        and with the rendered clips for frames, at any depth. The warm-up before a clip's window is
-        left out.
+        Folder with DSEC files from `eres simulate` at any depth. Frames need the rendered clips in
+        the folder, all other targets need `eres simulate --truth`. The warm-up before a clip's
+        window is left out.
     window_us
         Length of the windows, microseconds. They follow one another without a gap.
     window_events
         Number of events of a window, instead of a length. Without either, a window is an interval
-        of the ground truth, and the flow is exactly that of the window.
+        of the ground truth, and the flow is exactly the window's.
     targets
-        Which of frame, flow, occlusion, depth, pose and instances to return; None for all that
-        there are. Every recording must have them, except for instances, which are 0 where nothing
+        Which of frame, flow, occlusion, depth, pose and instances to return; None for all stored
+        targets. Every recording must have them, except for instances, which are 0 where nothing
         moves.
     transform
         Function from `Events` to an array, such as
@@ -115,21 +115,20 @@ class EventDataset:
         transform: Callable[[Events], NDArray[Any]] | None = None,
     ) -> None:
         if window_us is not None and window_events is not None:
-            raise TaskError("found window_us and window_events, expected at most one of them")
+            raise TaskError("give window_us or window_events, not both")
         for name, value in (("window_us", window_us), ("window_events", window_events)):
             if value is not None and (not isinstance(value, int | np.integer) or value < 1):
                 raise TaskError(f"{name}: found {value!r}, expected a whole number of at least 1")
         self.recordings = find_recordings(Path(folder))
-        _check_sizes(self.recordings)
         self.targets = _checked_targets(self.recordings, targets)
         self.window_us = None if window_us is None else int(window_us)
         self.window_events = None if window_events is None else int(window_events)
         self.transform = transform
         if window_us is None and window_events is None:
             _check_present(self.recordings, "flow", "give window_us or window_events, or add it")
-        self._ends = list(accumulate(self._count(one) for one in self.recordings))
+        self._ends = list(accumulate(map(self._count, self.recordings)))
         if self._ends[-1] == 0:
-            raise TaskError(f"{folder}: found no window of that length in any recording")
+            raise TaskError(f"{folder}: every recording is shorter than a window")
 
     def __repr__(self) -> str:
         width, height = self.recordings[0].size_px
@@ -149,9 +148,8 @@ class EventDataset:
         number = bisect_right(self._ends, k)
         recording = self.recordings[number]
         reader = _reader(recording.path)
-        events, window_us = self._window(
-            recording, reader, k - (self._ends[number - 1] if number else 0)
-        )
+        earlier = self._ends[number - 1] if number else 0
+        events, window_us = self._window(recording, reader, k - earlier)
         columns = events.columns._asdict()
         item: Item = columns if self.transform is None else {"events": self.transform(events)}
         item["window_us"] = np.array(window_us)
@@ -186,37 +184,26 @@ class EventDataset:
         return reader.between(*window_us), window_us
 
 
-def _check_sizes(recordings: Sequence[DatasetRecording]) -> None:
-    first = recordings[0]
-    for one in recordings:
-        if one.size_px != first.size_px:
-            found, expected = ("{}x{} px".format(*size) for size in (one.size_px, first.size_px))
-            raise TaskError(
-                f"{one.path}: found a sensor of {found}, expected {expected} as in {first.path}; "
-                "put each size into its own folder"
-            )
-
-
 def _checked_targets(
     recordings: Sequence[DatasetRecording], targets: Sequence[str] | None
 ) -> tuple[str, ...]:
-    targets = None if targets is None else tuple(targets)
-    unknown = [name for name in targets or () if name not in TARGETS]
-    if unknown:
-        raise TaskError(f"targets: found {unknown[0]!r}, expected some of {', '.join(TARGETS)}")
     if targets is None:
-        targets = [name for name in TARGETS if any(name in one.targets for one in recordings)]
+        stored = {name for recording in recordings for name in recording.targets}
+        targets = [name for name in TARGETS if name in stored]
+    targets = tuple(targets)
     for name in targets:
-        _check_present(recordings, name, "add it, or name the targets that you want")
-    return tuple(targets)
+        if name not in TARGETS:
+            raise TaskError(f"targets: found {name!r}, expected some of {', '.join(TARGETS)}")
+        _check_present(recordings, name, "add it, or give the targets that you want")
+    return targets
 
 
 def _check_present(recordings: Sequence[DatasetRecording], target: str, advice: str) -> None:
-    for one in recordings:
-        still = target == "instances" and "depth" in one.targets
-        if target not in one.targets and not still:
-            place = "the rendered clip in the folder" if target == "frame" else "`--truth`"
-            raise TaskError(f"{one.path}: found no {target}, which is from {place}; {advice}")
+    for recording in recordings:
+        still = target == "instances" and "depth" in recording.targets
+        if target not in recording.targets and not still:
+            place = "the rendered clip" if target == "frame" else "`eres simulate --truth`"
+            raise TaskError(f"{recording.path}: has no {target}; it comes from {place}; {advice}")
 
 
 def _reader(path: Path) -> DsecReader:
@@ -244,10 +231,10 @@ def _opened_clip(folder: Path, _: tuple[int, ...]) -> RadianceSequence:
 def _version(file: Path) -> tuple[int, ...]:
     """Return what differs once a file is written again, as it may be between two data sets."""
     try:
-        found = file.stat()
+        status = file.stat()
     except OSError:
         return ()  # whoever opens it says why
-    return found.st_ino, found.st_mtime_ns, found.st_size
+    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 def _frame(recording: DatasetRecording, events: Events, t_us: int) -> Item:
@@ -261,8 +248,8 @@ def _frame(recording: DatasetRecording, events: Events, t_us: int) -> Item:
     k = index_at(times_us, t_us)
     rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
     fill_factor = 1.0 if header.model is None else header.model.fill_factor
-    seen = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
-    return {"frame": seen.astype(np.float32), "frame_us": np.array(times_us[k])}
+    frame = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
+    return {"frame": frame.astype(np.float32), "frame_us": np.array(times_us[k])}
 
 
 def _truth(

@@ -70,32 +70,32 @@ class DatasetRecording:
 
 def find_recordings(folder: Path) -> list[DatasetRecording]:
     """Find the recordings in a folder and below it, except for hidden folders, sorted by path."""
-    if not folder.is_dir():
-        there = "a file" if folder.exists() else "no such folder"
-        raise TaskError(f"{folder}: found {there}, expected a folder of recordings")
     clips = _find_clips(folder)
-    found, used = [], set()
+    recordings = []
     for path in sorted(path for path in _below(folder, "*") if path.is_file()):
         if path.suffix == ".unfinished":
-            raise TaskError(f"{path}: found an unfinished file; delete it, or make its file again")
+            raise TaskError(f"{path}: is unfinished; delete it, or make its file again")
         if path.suffix.lower() in _DSEC:
-            recording = _open(path, clips)
-            found.append(recording)
-            used.add(recording.clip)
+            recordings.append(_open(path, clips))
         elif _is_of_another_format(path, clips):
             raise TaskError(
-                f"{path}: found a format without windows, expected DSEC's: eres convert {path} "
-                f"{path.with_suffix('.h5')}"
+                f"{path}: has no index of times; run `eres convert {path} "
+                f"{path.with_suffix('.h5')}` and move it elsewhere"
             )
-    if not found:
-        raise TaskError(f"{folder}: found no files of events, expected {' or '.join(_DSEC)}")
-    for clip in clips.values():
-        if clip not in used:
-            raise TaskError(
-                f"{clip}: found a clip without events, expected a file of them: eres simulate "
-                f"{clip} --out {clip}.h5"
-            )
-    return found
+    if not recordings:
+        raise TaskError(
+            f"{folder}: no such folder, or it holds no files of events ({', '.join(_DSEC)})"
+        )
+    used = {recording.clip for recording in recordings}
+    if unused := [clip for clip in clips.values() if clip not in used]:
+        clip = unused[0]
+        raise TaskError(f"{clip}: has no events; run `eres simulate {clip} --out {clip}.h5`")
+    first = recordings[0]
+    for recording in recordings:
+        if recording.size_px != first.size_px:
+            ours, theirs = ("{}x{} px".format(*each.size_px) for each in (recording, first))
+            raise TaskError(f"{recording.path}: found {ours}, expected {theirs} as in {first.path}")
+    return recordings
 
 
 def _below(folder: Path, pattern: str) -> Iterator[Path]:
@@ -135,10 +135,7 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
         clip = open_sequence(file.parent)  # raises if something is missing
         key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
         if key in clips:
-            raise TaskError(
-                f"{file.parent}: found clip {key[1]} of {key[0]}, as in {clips[key]}; expected "
-                "only one of them"
-            )
+            raise TaskError(f"{file.parent}: is the same clip as {clips[key]}; remove one of them")
         clips[key] = file.parent
     return clips
 
@@ -147,7 +144,8 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> DatasetRecording:
     origin = read_header(path).origin
     with DsecReader(path) as reader:
         if "window_start_us" in origin and "window_end_us" in origin:
-            window_us = _window_us(path, origin["window_start_us"], origin["window_end_us"])
+            with reading(path):
+                window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
         else:
             last = len(reader) - 1
             window_us = 0, 0
@@ -172,27 +170,12 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> DatasetRecording:
     return DatasetRecording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
 
 
-def _window_us(path: Path, start: Any, end: Any) -> tuple[int, int]:
-    try:
-        return int(start), int(end)
-    except (TypeError, ValueError):
-        raise TaskError(
-            f"{path}: found window_start_us = {start!r} and window_end_us = {end!r} in its origin, "
-            "expected whole numbers"
-        ) from None
-
-
 def _check_truth(
-    path: Path,
-    shapes: dict[str, tuple[int, ...]],
-    t_us: tuple[int, ...],
-    size_px: tuple[int, int],
+    path: Path, shapes: dict[str, tuple[int, ...]], t_us: tuple[int, ...], size_px: tuple[int, int]
 ) -> None:
     """Refuse ground truth whose times do not ascend, or whose arrays do not fit them."""
-    if any(after <= before for before, after in pairwise(t_us)):
-        raise TaskError(f"{path}: truth/t_us: found times that do not ascend")
-    if len(t_us) < 2:
-        raise TaskError(f"{path}: truth/t_us: found one time, expected two or more")
+    if len(t_us) < 2 or any(after <= before for before, after in pairwise(t_us)):
+        raise TaskError(f"{path}: truth/t_us: expected two or more ascending times")
     width, height = size_px
     for name, (steps, *shape) in {
         "flow": (1, height, width, 2),
@@ -204,10 +187,7 @@ def _check_truth(
     }.items():
         expected = (len(t_us) - steps, *shape)
         if shapes.get(name, expected) != expected:
-            raise TaskError(
-                f"{path}: truth/{name}: found shape {shapes[name]}, expected {expected} for "
-                f"{len(t_us)} times of {width}x{height} px"
-            )
+            raise TaskError(f"{path}: truth/{name}: found shape {shapes[name]}, not {expected}")
 
 
 def index_at(times_us: np.ndarray, t_us: int) -> int:

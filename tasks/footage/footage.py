@@ -48,7 +48,7 @@ class Footage:
     frames
         Function that starts reading: it returns an iterator of (H, W) float32.
     mender
-        What mends and counts pixels of floats that are no light; None for integers.
+        Mends and counts float pixels that are no light; None for integers.
     """
 
     path: Path
@@ -85,19 +85,19 @@ def open_footage(
         A video that FFmpeg reads, or a folder of PNG, JPEG, TIFF or OpenEXR images, in the order of
         the numbers in their names.
     fps
-        Frames per second. A folder needs it unless it has a timestamps.txt; a video then plays at
-        this rate instead of its own times, as slow-motion footage should.
+        Frames per second. Needed for a folder without timestamps.txt. For a video, it replaces the
+        video's own times, as slow-motion footage needs.
     time_unit
-        Unit of timestamps.txt, "s", "ms", "us" or "ns", unless the file states it in a first line
-        such as "# unit: us".
+        Unit of timestamps.txt, "s", "ms", "us" or "ns", unless its first line states the unit, such
+        as "# unit: us".
     encoding
-        Transfer function of the stored numbers, see `sensor.to_linear`; by default that of a
-        video's tags or "rec709", "linear" for floats, "srgb" for other images.
+        Transfer function of the stored numbers, see `sensor.to_linear`. By default a video's tag,
+        or "rec709" without a tag; "linear" for floats; "srgb" for other images.
     layer
         Layer of OpenEXR files, see `eres_render.storage.exr.read_luminance`.
     repair
-        Whether pixels of images of floats that are NaN, infinite or negative get the median of
-        their neighbors; see `Mender`.
+        Whether float pixels that are NaN, infinite or negative get the median of their neighbors;
+        see `Mender`.
 
     Returns
     -------
@@ -117,12 +117,8 @@ def open_footage(
         The encoding is unknown.
     """
     path = Path(path)
-    if not path.exists():
-        raise TaskError(f"{path}: found neither a video nor a folder of images under this name")
     if fps is not None and not _MIN_FPS <= fps <= _MAX_FPS:
-        raise TaskError(
-            f"fps: found {fps}, expected {_MIN_FPS:g} to {_MAX_FPS:g} frames per second"
-        )
+        raise TaskError(f"fps: found {fps}, expected {_MIN_FPS:g} to {_MAX_FPS:g}")
     coded: Callable[[], Iterator[Coded]]
     files: list[Path] = []
     if path.is_dir():
@@ -133,13 +129,16 @@ def open_footage(
         coded = partial(images.read_images, files, layer)
         usual = "srgb"
     else:
-        if time_unit is not None:
-            raise TaskError(f"{path}: found time-unit, expected it only with timestamps.txt")
         usual = video.tagged_encoding(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
-    if layer is not None and not (files and images.is_exr(files[0])):
-        raise TaskError(f"{path}: found layer, expected it only with OpenEXR images")
+    are_exr = files != [] and images.is_exr(files[0])
+    for option, value, applies, kind in (
+        ("--time-unit", time_unit, files, "a folder with timestamps.txt"),
+        ("--layer", layer, are_exr, "OpenEXR images"),
+    ):
+        if value is not None and not applies:
+            raise TaskError(f"{path}: {option} is only for {kind}")
     first = next(coded())
     encoding, white = coding_of(first, encoding, usual, path)
     luminance = Luminance(encoding)

@@ -20,7 +20,6 @@ from eres_render.errors import reading
 from eres_render.storage.exr import find_layer, read_luminance
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
-from tasks.footage.frame_size import check_size
 
 _TIMES = "timestamps.txt"
 _KINDS = {
@@ -42,17 +41,16 @@ def list_images(folder: Path) -> list[Path]:
     files = [file for file in named if file.suffix.lower() in _KINDS]
     kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
     if len(kinds) > 1:
-        raise TaskError(f"{folder}: found images of kinds {' and '.join(kinds)}, expected one kind")
+        raise TaskError(f"{folder}: expected one kind of images, found {' and '.join(kinds)}")
     if len(files) < 2:
         raise TaskError(
-            f"{folder}: found {len(files)} images, expected two or more of PNG, JPEG, TIFF or EXR"
+            f"{folder}: found {len(files)} images, expected at least two PNG, JPEG, TIFF or EXR"
         )
     by_whole, by_decimal = (sorted(files, key=partial(_natural, number=n)) for n in _NUMBERS)
-    for one, other in zip(by_whole, by_decimal, strict=True):
-        if one != other:
+    for first, second in zip(by_whole, by_decimal, strict=True):
+        if first != second:
             raise TaskError(
-                f"{folder}: found {one.name} and {other.name}, whose order is not clear, expected "
-                "names with whole numbers, or with as many digits after each point"
+                f"{folder}: the order of {first.name} and {second.name} is unclear; use integers"
             )
     return by_whole
 
@@ -122,16 +120,16 @@ def times_ns(
     """
     file = folder / _TIMES
     if fps is None and not file.exists():
-        raise TaskError(f"{folder}: found no {_TIMES}, expected one, or --fps, such as --fps 240")
+        raise TaskError(f"{folder}: no times: give --fps, such as --fps 240, or add {_TIMES}")
     if fps is not None:
         if file.exists() or time_unit is not None:
-            found = _TIMES if file.exists() else "time-unit"
-            raise TaskError(f"{folder}: found both fps and {found}, expected one of them")
+            other = _TIMES if file.exists() else "--time-unit"
+            raise TaskError(f"{folder}: --fps and {other} exclude each other")
         _check_complete(files)
         return [round(k * 1e9 / fps) for k in range(len(files))]
     times = _read_times(file, time_unit, option)
     if len(times) != len(files):
-        raise TaskError(f"{file}: found {len(times)} times, expected {len(files)}, one per image")
+        raise TaskError(f"{file}: found {len(times)} times for {len(files)} images")
     return times
 
 
@@ -142,20 +140,10 @@ def _check_complete(files: list[Path]) -> None:
     if len(counts) < len(files):
         return
     steps = np.diff(counts)
-    falls = np.flatnonzero(steps <= 0)
-    if falls.size:
-        before, after = files[falls[0]], files[falls[0] + 1]
-        raise TaskError(
-            f"{after.parent}: found {after.name} after {before.name}, expected numbers that rise, "
-            f"or a {_TIMES}"
-        )
-    wide = np.flatnonzero(steps > np.min(steps))
-    if wide.size:
-        before, after = files[wide[0]], files[wide[0] + 1]
-        raise TaskError(
-            f"{after.parent}: found {after.name} after {before.name}, expected the images between "
-            f"them too, or a {_TIMES}"
-        )
+    gaps = [*np.flatnonzero(steps <= 0), *np.flatnonzero(steps > np.min(steps))]
+    if gaps:
+        before, after = files[gaps[0] : gaps[0] + 2]
+        raise TaskError(f"{after}: follows {before.name}; number images evenly, or add {_TIMES}")
 
 
 def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
@@ -163,27 +151,25 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
     if stated and time_unit and stated[1] != time_unit:
-        raise TaskError(f"{file}: found {option} {time_unit}, expected {stated[1]}, as it states")
+        raise TaskError(f"{file}: the times are in {stated[1]}, not in {option} {time_unit}")
     unit = time_unit or (stated and stated[1])
     if unit is None or unit not in TIME_UNITS:
-        found = "no unit" if unit is None else f"unit {unit!r}"
         raise TaskError(
-            f"{file}: found {found}, expected {option} s, ms, us or ns, or a first line such as "
-            "'# unit: us'; no unit is assumed, as common files differ"
+            f"{file}: unit: found {unit or 'none'}, expected {option} s, ms, us or ns, or a first "
+            "line such as '# unit: us'"
         )
     times: list[int] = []
     for k, line in enumerate(lines, start=1):
         text = line.partition("#")[0].strip()
         if not text:
             continue
-        try:
+        with suppress(ArithmeticError, ValueError):
             # Exact: a float of seconds since 1970 has steps of a quarter of a microsecond.
             time = round(Decimal(text).scaleb(TIME_UNITS[unit] + 3))
-            times.append(int(np.int64(time)))  # an error beyond 292 years
-        except (ArithmeticError, ValueError):
-            raise TaskError(f"{file}:{k}: found {text!r}, expected one time") from None
-        if times[1:] and times[-1] <= times[-2]:
-            raise TaskError(f"{file}:{k}: found {text}, expected a time after the one before it")
+            if not times or time > times[-1]:
+                times.append(int(np.int64(time)))  # an error beyond 292 years
+                continue
+        raise TaskError(f"{file}:{k}: {text!r} is not a time after that of the line before")
     return times
 
 
@@ -194,51 +180,41 @@ def read_images(files: list[Path], layer: str | None = None) -> Iterator[NDArray
     ------
     (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32. Of OpenEXR the luminance.
     """
-    shape: tuple[int, ...] | None = None
-    kind = ""
-    corner: tuple[int, int] | None = None
+    expected: list[str] = []
     for file in files:
         with reading(file, "an image", TaskError):
             image = _read(file, layer)
-        shape, kind = shape or image.shape[:2], kind or image.dtype.kind
-        check_size(image, shape, file, f"as in {files[0].name}")
-        if image.dtype.kind != kind:
-            found, expected = ("floats", "integers") if kind == "u" else ("integers", "floats")
-            raise TaskError(f"{file}: found {found}, expected {expected}, as in {files[0].name}")
+        height, width = image.shape[:2]
+        traits = [f"{width}x{height} px", "floats" if image.dtype.kind == "f" else "integers"]
         if is_exr(file):
-            own = find_layer(file, layer).corner
-            corner = corner or own
-            if own != corner:
-                raise TaskError(
-                    f"{file}: found a display window from x={own[0]} y={own[1]}, expected it from "
-                    f"x={corner[0]} y={corner[1]}, as in {files[0].name}"
-                )
+            traits.append("a display window from x={} y={}".format(*find_layer(file, layer).corner))
+        for ours, first in zip(traits, expected or traits, strict=False):
+            if ours != first:
+                raise TaskError(f"{file}: found {ours}, expected {first}, as in {files[0].name}")
+        expected = expected or traits
         yield image
 
 
 def _read(file: Path, layer: str | None) -> NDArray[np.generic]:
     kind = _KINDS.get(file.suffix.lower())
     if kind is None:
-        raise TaskError(
-            f"{file}: found extension {file.suffix!r}, expected one of {', '.join(_KINDS)}"
-        )
+        raise TaskError(f"{file}: expected an extension of {', '.join(_KINDS)}")
     if kind == "exr":
         return read_luminance(file, layer=layer)
-    if kind == "tiff":
-        _check_one_page(file)
+    second = _tiff_tags(file, 1) if kind == "tiff" else {}
+    if second and not second.get(_SUBFILE, 0) & _REDUCED_OR_MASK:  # others would be left out
+        raise TaskError(f"{file}: holds several images; store each in a file of its own")
     data = file.read_bytes()
     image: NDArray[np.generic] | None = None
     if kind == "tiff" and _is_straight(file):
         image = _read_straight(file)
     elif _is_complete(data, kind):
         # Bit depth and colors as stored, without alpha, rotated by the EXIF orientation.
-        image = cv2.imdecode(
-            np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
-        )
+        codes = np.frombuffer(data, np.uint8)
+        image = cv2.imdecode(codes, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if image is None:
         raise TaskError(
-            f"{file}: found {len(data)} bytes that are not a complete {kind.upper()} image, or one "
-            "that OpenCV does not read"
+            f"{file}: {len(data)} bytes are not a complete {kind.upper()} image that OpenCV reads"
         )
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
@@ -258,13 +234,6 @@ def _is_complete(data: bytes, kind: str) -> bool:
         is_fill = data[at + 1 : at + 2] == b"\xff"  # T.81, B.1.1.2
         at += 1 if is_fill else 2 + int.from_bytes(data[at + 2 : at + 4])
     return b"\xff\xd9" in data[at:]  # phones append films
-
-
-def _check_one_page(file: Path) -> None:
-    """Refuse a TIFF file with several images, such as a stack, of which only one would be read."""
-    second = _tiff_tags(file, 1)
-    if second and not second.get(_SUBFILE, 0) & _REDUCED_OR_MASK:
-        raise TaskError(f"{file}: found several images in it, expected one image in each file")
 
 
 def _is_straight(file: Path) -> bool:

@@ -65,38 +65,31 @@ class _Between:
 
     def __init__(self, before: Float32, after: Float32, white_level: float) -> None:
         self.ends = before, after
-        first, second = (gray(one, white_level) for one in self.ends)
-        self.there = optical_flow(first, second)
-        self.back = optical_flow(second, first)
-        rows, columns = before.shape
-        self.grid = np.dstack(
-            np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
-        )
-        self.seen = (
-            _consistency(self.grid, self.there, self.back),
-            _consistency(self.grid, self.back, self.there),
-        )
+        first, second = (gray(frame, white_level) for frame in self.ends)
+        self.forth, self.back = optical_flow(first, second), optical_flow(second, first)
+        rows, columns = (np.arange(side, dtype=np.float32) for side in before.shape)
+        self.grid = np.dstack(np.meshgrid(columns, rows))
+        flows = (self.forth, self.back), (self.back, self.forth)
+        self.visible = [_consistency(self.grid, *pair) for pair in flows]
 
     def at(self, t: float) -> Float32:
         """Return the frame at a time between 0 and 1."""
-        to_first = -(1 - t) * t * self.there + t * t * self.back
-        to_second = (1 - t) ** 2 * self.there - t * (1 - t) * self.back
+        to_first = -(1 - t) * t * self.forth + t * t * self.back
+        to_second = (1 - t) ** 2 * self.forth - t * (1 - t) * self.back
         total, weights = np.zeros((2, *self.ends[0].shape), np.float32)
-        for image, seen, shift, near in (
-            (self.ends[0], self.seen[0], to_first, 1 - t),
-            (self.ends[1], self.seen[1], to_second, t),
-        ):
+        shifts = (to_first, 1 - t), (to_second, t)
+        for image, visible, (shift, near) in zip(self.ends, self.visible, shifts, strict=True):
             at = self.grid + shift
-            weight = near * (_sample(seen, at, cv2.INTER_LINEAR) + 1e-3)
+            weight = near * (_sample(visible, at, cv2.INTER_LINEAR) + 1e-3)
             total += weight * _sample(image, at, cv2.INTER_LANCZOS4)
             weights += weight
         frame: Float32 = np.maximum(total / weights, 0)
         return frame
 
 
-def _consistency(grid: Float32, there: Float32, back: Float32) -> Float32:
+def _consistency(grid: Float32, forth: Float32, back: Float32) -> Float32:
     """Return 1 where a point comes back to itself, and less where it does not, as it is hidden."""
-    missed = there + _sample(back, grid + there, cv2.INTER_LINEAR)
+    missed = forth + _sample(back, grid + forth, cv2.INTER_LINEAR)
     error: Float32 = np.einsum("yxc,yxc->yx", missed, missed)
     return np.exp(-error)
 

@@ -29,8 +29,8 @@ class Luminance:
     """
 
     def __init__(self, encoding: str) -> None:
-        types = (np.uint8, np.uint16)
-        codes = [np.arange(np.iinfo(one).max + 1, dtype=one) for one in types]
+        types = np.uint8, np.uint16
+        codes = [np.arange(np.iinfo(kind).max + 1, dtype=kind) for kind in types]
         self._light = {code.dtype.name: to_linear(code, encoding) for code in codes}
 
     def __call__(self, image: NDArray[np.generic]) -> NDArray[np.float32]:
@@ -62,10 +62,10 @@ def coding_of(
     if first.dtype.kind != "f":
         return given or usual, 1.0
     if given not in (None, "linear"):
-        raise TaskError(f"{path}: found floats with encoding {given}, expected linear")
+        raise TaskError(f"{path}: floats are linear, but the encoding is {given}")
     light = Luminance("linear")(first)
     finite = light[np.isfinite(light)]
-    if not finite.size or (white := white_level(finite)) <= 0:
-        found = "a black first frame" if finite.size else "only NaN or infinity in the first frame"
-        raise TaskError(f"{path}: found {found}, expected light, as white is its 99.9th percentile")
+    white = white_level(finite) if finite.size else 0.0
+    if white <= 0:
+        raise TaskError(f"{path}: the first frame is black or not finite; it defines white")
     return "linear", white

@@ -60,8 +60,8 @@ class Mender:
         if invalid and not (self._repair and valid.any()):
             y, x = np.argwhere(~valid)[0]
             raise TaskError(
-                f"{file}: found {light[y, x]:g} at pixel x={x} y={y}, and {invalid} of "
-                f"{light.size} such pixels in all, expected finite light of 0 or more"
+                f"{file}: {light[y, x]:g} at pixel x={x} y={y} is no light; {invalid} of "
+                f"{light.size} pixels are negative or not finite"
                 f"{'' if self._repair else self._advice}"
             )
         if black := int(np.sum(valid & (light < 0))):

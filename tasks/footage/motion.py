@@ -36,7 +36,7 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
     """
     scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
     width, height = (max(_MIN_PX, round(scale * side)) for side in (footage.width, footage.height))
-    found = []
+    lengths = []
 
     def images() -> Iterator[NDArray[np.uint8]]:
         for k, frame in enumerate(footage, start=1):
@@ -47,8 +47,8 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
     scales = width / footage.width, height / footage.height
     for before, after in pairwise(images()):
         across = _across_edges(before, optical_flow(before, after), scales)
-        found.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
-    return np.array(found)
+        lengths.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
+    return np.array(lengths)
 
 
 def _across_edges(
@@ -69,9 +69,8 @@ def _across_edges(
     -------
     (N,) px of the footage.
     """
-    gradient = np.stack(
-        [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))], -1
-    )
+    sides = [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))]
+    gradient = np.stack(sides, axis=-1)
     edge = np.hypot(*np.moveaxis(gradient, 2, 0)) > _EDGE
     change = np.abs(np.sum(gradient * flow, axis=2)[edge])  # of the light; the scales cancel
     return change / np.hypot(*np.moveaxis(gradient[edge] * scales, 1, 0))
@@ -106,7 +105,7 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
     """
     height, width = before.shape
     larger = max(width, _MIN_PX), max(height, _MIN_PX)
-    first, second = (cv2.resize(one, larger) for one in (before, after))  # same size: a copy
+    first, second = (cv2.resize(image, larger) for image in (before, after))  # same size: a copy
     still = np.zeros((*larger[::-1], 2), np.float32)
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow = cv2.resize(dis.calc(first, second, still), (width, height))

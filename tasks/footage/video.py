@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from eres_render.errors import reading
 from tasks.errors import TaskError
-from tasks.footage.frame_size import check_size
 
 _log = logging.getLogger(__name__)
 
@@ -39,12 +38,10 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
         av.open(str(path.absolute()), metadata_errors="replace") as container,
     ):
         if not container.streams.video:
-            raise TaskError(f"{path}: found no video in it")
+            raise TaskError(f"{path}: holds no video")
         stream = container.streams.video[0]
-        if stream.codec_context is None:
-            raise TaskError(f"{path}: found a codec that this build of FFmpeg lacks")
-        if stream.codec_context.format is None:
-            raise TaskError(f"{path}: found pixels that this build of FFmpeg cannot decode")
+        if stream.codec_context is None or stream.codec_context.format is None:
+            raise TaskError(f"{path}: this build of FFmpeg lacks its codec or pixel format")
         stream.thread_type = "AUTO"
         yield container, stream
 
@@ -62,7 +59,7 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     Nanoseconds, increasing, one per frame.
     """
     with _open(path) as (container, stream):
-        shown = [
+        times = [
             packet.pts
             for packet in container.demux(stream)
             if packet.size and not packet.is_discard and _is_shown(packet, stream.codec.name)
@@ -70,20 +67,18 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
         tick_s = Fraction(stream.time_base or 0)
         rates = [stream.average_rate, stream.base_rate, stream.guessed_rate]
         stated_us, start = container.duration, stream.start_time or 0
-    timed = tick_s > 0 and None not in shown
+    timed = tick_s > 0 and None not in times
     if timed:
-        shown = _from_first_shown(sorted(shown), path)
-    if len(shown) < 2:
-        raise TaskError(f"{path}: found {len(shown)} frames, expected two or more")
+        times = _from_first_shown(sorted(times), path)
+    if len(times) < 2:
+        raise TaskError(f"{path}: found {len(times)} frames, expected two or more")
     if timed and stated_us is not None:
-        _warn_if_short([(t - start) * tick_s for t in shown], stated_us / 1e6, path)
+        _warn_if_short([(t - start) * tick_s for t in times], stated_us / 1e6, path)
     if fps is not None:
-        return [round(k * 1e9 / fps) for k in range(len(shown))]
-    if not timed:
-        raise TaskError(f"{path}: found frames without a time, expected --fps")
-    if len(set(shown)) < len(shown):
-        raise TaskError(f"{path}: found two frames at the same time, expected --fps")
-    return _unrounded_ns(shown, tick_s, [Fraction(rate) for rate in rates if rate], path)
+        return [round(k * 1e9 / fps) for k in range(len(times))]
+    if not timed or len(set(times)) < len(times):
+        raise TaskError(f"{path}: some frames have no time of their own; give --fps")
+    return _unrounded_ns(times, tick_s, [Fraction(rate) for rate in rates if rate], path)
 
 
 def _from_first_shown(times: list[int], path: Path) -> list[int]:
@@ -96,13 +91,11 @@ def _from_first_shown(times: list[int], path: Path) -> list[int]:
         first = next(container.decode(stream), None)
     if first is None or first.pts is None:
         return times
-    kept = times[bisect_left(times, first.pts) :]
-    if len(kept) < len(times):
-        _log.info(
-            "%s: its first %d frames need others from before a cut; they are left out",
-            *(path, len(times) - len(kept)),
-        )
-    return kept
+    skipped = bisect_left(times, first.pts)
+    if skipped:
+        message = "%s: its first %d frames need others from before a cut; they are left out"
+        _log.info(message, path, skipped)
+    return times[skipped:]
 
 
 def _unrounded_ns(
@@ -118,7 +111,7 @@ def _unrounded_ns(
         return stored
     since = np.array([t - times[0] for t in times], float)
     count = np.arange(len(times))
-    apart, rate = min((float(np.ptp(since - count / float(one * tick_s))), one) for one in rates)
+    apart, rate = min((float(np.ptp(since - count / float(hz * tick_s))), hz) for hz in rates)
     tick_ms = float(1e3 * tick_s)
     if apart < 1 - 1e-6:
         start_s = times[0] * tick_s
@@ -146,23 +139,16 @@ def _warn_if_short(times_s: Sequence[Fraction], stated_s: float, path: Path) -> 
 
     The last frame may be shown for longer than others, and sound may go on for longer.
     """
-    longest_s = max(float(two - one) for one, two in pairwise(times_s))
-    if stated_s - float(times_s[-1]) > _LONGER * longest_s + _SOUND_S:
-        _log.warning(
-            "%s: found frames up to %.3g s, but the file states %.3g s: its end may be missing",
-            *(path, float(times_s[-1]), stated_s),
-        )
+    longest_s = max(float(after - before) for before, after in pairwise(times_s))
+    last_s = float(times_s[-1])
+    if stated_s - last_s > _LONGER * longest_s + _SOUND_S:
+        message = "%s: the frames end at %.3g s, but the file states %.3g s: its end may be missing"
+        _log.warning(message, path, last_s, stated_s)
 
 
 # Transfer characteristics of H.273, Table 3; those that are not named are BT.709's, or close to it.
 _CURVES = {4: "gamma:2.2", 5: "gamma:2.8", 8: "linear", 13: "srgb"}
-_OTHER_CURVES = {
-    9: "a logarithm",
-    10: "a logarithm",
-    16: "PQ (SMPTE ST 2084)",
-    17: "SMPTE ST 428-1",
-    18: "HLG (ARIB STD-B67)",
-}
+_OTHER_CURVES = {9: "a logarithm", 10: "a logarithm", 16: "PQ", 17: "SMPTE ST 428-1", 18: "HLG"}
 
 
 def tagged_encoding(path: Path, encoding: str | None) -> str:
@@ -179,14 +165,12 @@ def tagged_encoding(path: Path, encoding: str | None) -> str:
         transparent = any(component.is_alpha for component in codec.format.components)
         ratio = stream.sample_aspect_ratio
     if curve in _OTHER_CURVES and encoding is None:
-        raise TaskError(
-            f"{path}: found video encoded with {_OTHER_CURVES[curve]}, expected one of BT.709, "
-            "sRGB, a gamma or linear light; convert it, or give --encoding"
-        )
+        name = _OTHER_CURVES[curve]
+        raise TaskError(f"{path}: is encoded with {name}; convert it to BT.709 or give --encoding")
     if transparent:
         _log.warning("%s: transparency is left out: hidden pixels are seen", path)
     if ratio and ratio != 1:
-        _log.warning("%s: found pixels %s as wide as high; they are taken as square", path, ratio)
+        _log.warning("%s: pixels %s as wide as high are taken as square", path, ratio)
     return _CURVES.get(curve, "rec709")
 
 
@@ -206,19 +190,20 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
     Frames are rotated and mirrored by the video's display matrix, which phones write.
     """
-    found, size = 0, None
+    k, size = 0, None
     with _open(path) as (container, stream):
-        for frame in container.decode(stream):
-            found += 1
+        for k, frame in enumerate(container.decode(stream), start=1):
             matrix = frame.side_data.get("DISPLAYMATRIX")
             numbers = _numbers(frame)
             if matrix is not None:
                 numbers = _turned(numbers, matrix, path)
-            size = size or numbers.shape[:2]
-            check_size(numbers, size, f"{path}: frame {found}", "as the first")
+            height, width = numbers.shape[:2]
+            size = size or (width, height)
+            if (width, height) != size:
+                raise TaskError(f"{path}: frame {k}: {width}x{height} px differ from frame 1")
             yield numbers
-    if found != count:
-        raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
+    if k != count:
+        raise TaskError(f"{path}: decoded {k} frames, expected {count}; the video is damaged")
 
 
 def _unnamed(kinds: type[Any], value: object) -> Any:
@@ -237,7 +222,7 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
     gray = len(components) == 1 and not frame.format.has_palette and not frame.format.is_bayer
     target = ("gray16le" if deep else "gray") if gray else "rgb48le" if deep else "rgb24"
     untagged = Colorspace.ITU709 if frame.height >= _HIGH_DEFINITION else Colorspace.ITU601
-    tags = {one.value: one for one in Colorspace}
+    tags = {space.value: space for space in Colorspace}
     tags |= {6: Colorspace.ITU601, 10: Colorspace.BT2020}  # in tags alone, not in swscale
     numbers: NDArray[np.generic] = frame.to_ndarray(
         format=target,
@@ -251,10 +236,10 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
         | Interpolation.FULL_CHR_H_INT,
     )
     if gray and frame.color_range == ColorRange.MPEG:  # which swscale leaves as it is
-        most = 65535 if deep else 255
-        black, white = (code * (most + 1) / 256 for code in (16, 235))
+        highest = 65535 if deep else 255
+        black, white = (code * (highest + 1) / 256 for code in (16, 235))
         full = np.clip((numbers.astype(np.float64) - black) / (white - black), 0.0, 1.0)
-        return np.round(most * full).astype(numbers.dtype)
+        return np.round(highest * full).astype(numbers.dtype)
     return numbers
 
 
@@ -267,12 +252,9 @@ def _turned(numbers: NDArray[np.generic], matrix: Any, path: Path) -> NDArray[np
     a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
     upright, sideways = abs(a) + abs(d), abs(b) + abs(c)
     if min(upright, sideways) > _RIGHT_ANGLE * max(upright, sideways):
-        raise TaskError(
-            f"{path}: found frames rotated by {np.degrees(np.arctan2(b, a)):.3g} degrees, expected "
-            "a multiple of 90"
-        )
+        degrees = np.degrees(np.arctan2(b, a))
+        raise TaskError(f"{path}: is rotated by {degrees:.3g} degrees, not by a multiple of 90")
+    columns, rows = (c, b) if sideways > upright else (a, d)
     if sideways > upright:
-        numbers, columns, rows = numbers.swapaxes(0, 1), c, b
-    else:
-        columns, rows = a, d
+        numbers = numbers.swapaxes(0, 1)
     return np.ascontiguousarray(numbers[:: -1 if rows < 0 else 1, :: -1 if columns < 0 else 1])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.locks import LockedError, locked
 from tasks.errors import TaskError
@@ -58,8 +59,7 @@ def make_dataset(
         As rendering and simulation raise them. Finished sequences are kept.
     """
     out = Path(out)
-    if count < 1:
-        raise TaskError(f"count: found {count}, expected at least 1")
+    check_positive("count", count, TaskError)
     is_new = not (out / FILE_NAME).exists()
     claim_folder(settings, out)
     folders = [sequence_folder(out, number) for number in range(count)]
@@ -67,12 +67,11 @@ def make_dataset(
         with locked(out / ".lock", wait=False):
             claim_folder(settings, out)  # others may have done so at the same time
             missing = [number for number, folder in enumerate(folders) if not folder.is_dir()]
-            found = count - len(missing)
+            finished = count - len(missing)
 
             def counted(stage: str, done: float, of: float, /) -> None:
-                on_progress(
-                    f"{found + int(done)} of {count} sequences, {stage}", found + done, count
-                )
+                done += finished
+                on_progress(f"{int(done)} of {count} sequences, {stage}", done, count)
 
             if missing:
                 _log.info("%s", estimate(settings, len(missing)))

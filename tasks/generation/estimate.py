@@ -29,11 +29,9 @@ def estimate(settings: DatasetSettings, count: int) -> str:
     disk_bytes = frames * pixels * _BYTES_A_FRAME_PX + len(settings.cutoffs_hz) * a_file
     cpu_s = views * _SEQUENCE_S + frames * (_FRAME_S + pixels * settings.spp * _SAMPLE_S)
     minutes = max(1, round(cpu_s / min(cores(), _MAX_CORES) / 60))
-    disk = (
-        f"{disk_bytes / 1e9:.2g} GB"
-        if disk_bytes >= 1e9
-        else f"{max(1.0, disk_bytes / 1e6):.0f} MB"
-    )
+    disk = f"{max(1.0, disk_bytes / 1e6):.0f} MB"
+    if disk_bytes >= 1e9:
+        disk = f"{disk_bytes / 1e9:.2g} GB"
     return (
         f"{count} sequence{'s' * (count != 1)} to make: about {frames:.0f} frames, {disk} on disk, "
         f"{minutes} min"

@@ -21,11 +21,7 @@ from eres_render.trajectory.rig import second_camera, to_the_right
 from eres_render.trajectory.tum import tum_text
 from tasks.events.frame_camera import write_images
 from tasks.events.imu_options import NO_IMU
-from tasks.events.simulation import (
-    SimulationOptions,
-    simulate_frames,
-    simulate_sequence,
-)
+from tasks.events.simulation import SimulationOptions, simulate_frames, simulate_sequence
 from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
 from tasks.origin import origin_of
@@ -48,10 +44,10 @@ def complete_sequence(
 ) -> None:
     """Make or finish a sequence, and give its folder the final name."""
     folder = sequence_folder(out, number)
-    made = out / UNFINISHED / folder.name
-    make_sequence(settings, number, made, on_progress)
-    remove_unfinished(made)  # of a process that was killed as it wrote
-    os.replace(made, folder)
+    unfinished = out / UNFINISHED / folder.name
+    make_sequence(settings, number, unfinished, on_progress)
+    remove_unfinished(unfinished)  # of a process that was killed as it wrote
+    os.replace(unfinished, folder)
 
 
 def make_sequence(
@@ -133,36 +129,19 @@ def _make_view(
     sensor_seed = settings.sensor_seed(number) + (not is_first)
     imu = settings.imu if is_first else NO_IMU
     models = settings.models(number, sequence.white_level)
-    first: Path | None = None
-    for k, (name, model) in enumerate(models.items()):
+    files = [folder / f"events_{name}.h5" for name in models]
+    options = SimulationOptions(seed=sensor_seed, readout=settings.sensor.bus, overwrite=True)
+    for k, (model, file) in enumerate(zip(models.values(), files, strict=True)):
 
         def on_cutoff(stage: str, done: float, total: float, /, k: int = k) -> None:
             on_stage(stage, k + done / total, len(models))
 
-        file = folder / f"events_{name}.h5"
-        options = SimulationOptions(seed=sensor_seed, readout=settings.sensor.bus, overwrite=True)
-        if first is None:
-            first = file
-            simulate_sequence(
-                sequence,
-                model,
-                file,
-                options,
-                truth_step_s=settings.truth_step_s,
-                imu=imu,
-                on_progress=on_cutoff,
-            )
+        if k == 0:
+            simulate = partial(simulate_sequence, truth_step_s=settings.truth_step_s, imu=imu)
         else:
-            copied = ["truth"] if imu.imu is None else ["truth", "imu"]
-            simulate_frames(
-                sequence,
-                model,
-                file,
-                options,
-                origin=origin_of(sequence),
-                add=groups_to_copy(first, copied),
-                on_progress=on_cutoff,
-            )
+            add = groups_to_copy(files[0], ["truth"] if imu.imu is None else ["truth", "imu"])
+            simulate = partial(simulate_frames, origin=origin_of(sequence), add=add)
+        simulate(sequence, model, file, options, on_progress=on_cutoff)
     if settings.images_hz is not None:
         images = folder / "images"
         shutil.rmtree(images, ignore_errors=True)  # from an interrupted run

@@ -20,7 +20,6 @@ from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
 from sensor.cameras import EventCamera
 from sensor.cameras.files import camera_of, values_of
-from sensor.errors import SensorError
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
@@ -47,14 +46,14 @@ class DatasetSettings:
     seconds
         Length of each sequence, after its warm-up, s.
     sensor
-        The event camera, with its bus; the frames have its size. Its dark level is a share of the
-        white of the brightest scene, for all.
+        The event camera with its bus. Frames have its size. All sequences have the same dark level,
+        a share of the white of the brightest scene.
     cutoffs_hz
         Corner frequencies of the photoreceptor's poles; one file of events for each.
     threshold_deviation
-        Standard deviation over the sequences of the contrast threshold, whose mean is that of the
-        sensor, log units; a threshold is at most two standard deviations away from the mean. That
-        of OFF events keeps its ratio to that of ON events.
+        Standard deviation of the contrast threshold across sequences, log units. The mean is the
+        sensor's threshold, and thresholds stay within two standard deviations of it. The ratio of
+        OFF to ON threshold is fixed.
     imu
         An IMU at the position of the camera; none without a rate.
     images_hz
@@ -77,7 +76,7 @@ class DatasetSettings:
 
     Raises
     ------
-    TaskError
+    TaskError, SensorError
         A value is out of range.
     """
 
@@ -105,48 +104,33 @@ class DatasetSettings:
             if not holds:
                 raise TaskError(f"{name}: found {getattr(self, name)}, expected {expected}")
 
-        check("seed", self.seed >= 0, "a whole number of at least 0")
-        for name in ("seconds", "max_displacement_px", "truth_step_s"):
-            check_positive(name, getattr(self, name), TaskError)
-        check("seconds", self.seconds >= 1e-6, "at least a microsecond")
+        check("seed", self.seed >= 0, "at least 0")
+        check_positive("max_displacement_px", self.max_displacement_px, TaskError)
+        for name in ("seconds", "truth_step_s"):
+            check(name, 1e-6 <= getattr(self, name) < math.inf, "at least a microsecond")
         cutoffs = self.cutoffs_hz
-        different = bool(cutoffs) and len({f"{hz:g}" for hz in cutoffs}) == len(cutoffs)
-        positive = all(one > 0 for one in cutoffs)  # and not NaN
-        check(
-            "cutoffs_hz", different and positive, "positive numbers of Hz that differ in six digits"
-        )
-        check("cutoffs_hz", min(cutoffs) >= _MIN_HZ, f"at least {_MIN_HZ:g} Hz")
+        fits = len({f"{hz:g}" for hz in cutoffs if hz >= _MIN_HZ}) == len(cutoffs) > 0
+        check("cutoffs_hz", fits, f"{_MIN_HZ:g} Hz or more, different in the first six digits")
         needs_s = needed_s(min(cutoffs), 1.0, self.warm_up_s)
-        check(
-            "warm_up_s",
-            needs_s == self.warm_up_s,
-            f"at least {_whole_microseconds(needs_s):.10g} s for {min(cutoffs):g} Hz",
-        )
+        least = f"at least {_whole_microseconds(needs_s):.10g} s for {min(cutoffs):g} Hz"
+        check("warm_up_s", needs_s == self.warm_up_s, least)
         check_spp(self.spp, TaskError)
-        check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
-        most = self.sensor.contrast_threshold / _MAX_DEVIATIONS
-        check("threshold_deviation", self.threshold_deviation < most, f"less than {most:g}")
-        baseline_m = self.baseline_m
-        fits = baseline_m is None or 0 < baseline_m <= _MAX_M
+        limit = self.sensor.contrast_threshold / _MAX_DEVIATIONS
+        fits = 0 <= self.threshold_deviation < limit
+        check("threshold_deviation", fits, f"0 or more, and less than {limit:g}")
+        fits = self.baseline_m is None or 0 < self.baseline_m <= _MAX_M
         check("baseline_m", fits, f"above 0 and at most {_MAX_M} m")
         self.imu.check()
         self.camera.check()
-        rate_hz = self.images_hz
-        fits = rate_hz is None or 0 < rate_hz <= 1 / self.camera.exposure
-        check("images_hz", fits, "above 0, and exposures that do not overlap")
-        fits = rate_hz is not None or self.camera == USUAL_CAMERA
-        check("images_hz", fits, "a rate with an exposure, a full well or a read noise")
-        check("truth_step_s", self.truth_step_s >= 1e-6, "at least a microsecond")
-        exposure_s, whole_s = self.camera.exposure, self.warm_up_s + self.seconds
-        if rate_hz is not None and exposure_s > whole_s:
-            raise TaskError(
-                f"exposure: found {exposure_s:g}, expected at most {whole_s:g} s, the length of a "
-                "sequence"
-            )
-        try:
-            self.models(0, 1.0)
-        except SensorError as error:
-            raise TaskError(str(error)) from error
+        rate_hz, exposure_s = self.images_hz, self.camera.exposure
+        if rate_hz is None:
+            check("images_hz", self.camera == USUAL_CAMERA, "a rate for the frame camera")
+        else:
+            longest_s = self.warm_up_s + self.seconds
+            fits = 0 < rate_hz <= 1 / exposure_s and exposure_s <= longest_s
+            within = f"that neither overlap nor outlast the {longest_s:g} s of a sequence"
+            check("images_hz", fits, f"a positive rate, and exposures {within}")
+        self.models(0, 1.0)
 
     def models(self, number: int, white_level: float) -> dict[str, SensorModel]:
         """Return the sensors of a sequence.
@@ -191,28 +175,25 @@ def _whole_microseconds(seconds: float) -> float:
 
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
     """Write the settings of a dataset into its folder, or check that they match those in it."""
-    if out.exists() and not out.is_dir():
-        raise TaskError(f"{out}: found a file, expected a folder for the dataset")
     file, table = out / FILE_NAME, _table(settings)
     if file.exists():
-        old = read_json(dict[str, Any], file, TaskError)
-        old = _with_later_fields(old)
+        old = _with_later_fields(read_json(dict[str, Any], file, TaskError))
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
-                    f"{file}: {name}: found {old.get(name)!r}, expected {table.get(name)!r}; "
-                    "continue with the same options, or write elsewhere"
+                    f"{file}: {name}: found {old.get(name)!r}, not {table.get(name)!r}; give the "
+                    "same options, or another folder"
                 )
         return
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
-        raise TaskError(f"{out}: found other files, expected a new folder or that of a dataset")
+        raise TaskError(f"{out}: holds other files; give a new folder, or that of a dataset")
     write_text(file, json.dumps(table, indent=1) + "\n")
 
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as values for JSON: lists, and infinity as a text."""
-    names = [one.name for one in dataclasses.fields(settings)]
-    table = {name: json_values(getattr(settings, name)) for name in names if name != "sensor"}
+    names = [field.name for field in dataclasses.fields(settings) if field.name != "sensor"]
+    table = {name: json_values(getattr(settings, name)) for name in names}
     return {**table, "sensor": values_of(settings.sensor)}
 
 

@@ -106,10 +106,8 @@ def random_crop(
     events = simulate(frames(), window_s * times, model, seed=index, threads=1)
     bounds_us = [round(1e6 * window_s * k) for k in range(windows + 1)]
     in_windows = tuple(events.between(*window) for window in pairwise(bounds_us))
-    ends_us = tuple(bounds_us[1:])
-    return Crop(
-        *(in_windows, ends_us, texture, motion, contrast_threshold, cutoff_hz, camera.dark_share)
-    )
+    levels = contrast_threshold, cutoff_hz, camera.dark_share
+    return Crop(in_windows, tuple(bounds_us[1:]), texture, motion, *levels)
 
 
 def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> float:

@@ -100,16 +100,12 @@ class Motion:
         size = self._scale * np.exp(self._log_zoom(t))
         a, b = size * np.cos(self._angle(t)), size * np.sin(self._angle(t))
         # (a, -b; b, a) p / (1 + g p) + center, with p from the middle of the image
-        rows = [
-            [a + x * gx, -b + x * gy, x],
-            [b + y * gx, a + y * gy, y],
-            [gx, gy, np.ones_like(t)],
-        ]
-        around_middle = np.moveaxis(np.array(rows), -1, 0)
+        first, second = [a + x * gx, -b + x * gy, x], [b + y * gx, a + y * gy, y]
+        around_middle = np.moveaxis(np.array([first, second, [gx, gy, np.ones_like(t)]]), -1, 0)
         to_middle = np.eye(3)
         to_middle[:2, 2] = -(side_px or self._side_px) / 2
-        found: Float64 = around_middle @ to_middle
-        return found
+        homographies: Float64 = around_middle @ to_middle
+        return homographies
 
     def flow(self, start: float, end: float) -> NDArray[np.float32]:
         """Return how far the points at the pixels' centers move.
@@ -125,9 +121,8 @@ class Motion:
         """
         before, after = self.homographies(np.array([start, end]))
         centers = np.arange(self._side_px) + 0.5
-        x, y = np.meshgrid(centers, centers)
-        moved = _moved(np.linalg.solve(after, before), np.stack([x, y]))
-        return (moved - np.stack([x, y])).astype(np.float32)
+        points = np.stack(np.meshgrid(centers, centers))
+        return (_moved(np.linalg.solve(after, before), points) - points).astype(np.float32)
 
     def fastest_px(self, window: int) -> float:
         """Return the largest speed of a corner of the image in a window, px per window."""

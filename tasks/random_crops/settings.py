@@ -70,19 +70,17 @@ class Crops:
         return camera.on(self.side_px, self.side_px)
 
     def __post_init__(self) -> None:
-        if not 16 <= self.side_px <= MAX_SIDE_PX:
-            raise TaskError(f"side_px: found {self.side_px}, expected 16 to {MAX_SIDE_PX}")
-        if not 0 <= self.ideal_share <= 1:
-            raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
+        for name, low, high in (("side_px", 16, MAX_SIDE_PX), ("ideal_share", 0, 1)):
+            if not low <= getattr(self, name) <= high:
+                raise TaskError(f"{name}: found {getattr(self, name)}, expected {low} to {high}")
         for name in ("window_ms", "max_displacement_px"):
             check_positive(name, getattr(self, name), TaskError)
         _ = self.camera
         for field in fields(self):
-            found = getattr(self, field.name)
-            if isinstance(found, tuple) and not 0 < found[0] <= found[1] < math.inf:
+            value = getattr(self, field.name)
+            if isinstance(value, tuple) and not 0 < value[0] <= value[1] < math.inf:
                 raise TaskError(
-                    f"{field.name}: found {list(found)}, expected two positive numbers, the "
-                    "smaller first"
+                    f"{field.name}: found {list(value)}, expected two positive, ascending numbers"
                 )
 
 

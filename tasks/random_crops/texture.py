@@ -96,16 +96,10 @@ def _leaves(rng: np.random.Generator) -> Float32:
     count = int(_COVER * SIDE**2 / (3.5 * 0.7 * mean_square))  # leaves are 0.4 to 1 as wide as long
     share = rng.random(count)
     radii = _MIN_LEAF / np.sqrt(1 - share * (1 - ratio))  # density r^-3
-    leaves = np.column_stack(
-        [
-            rng.uniform(0, SIDE, (count, 2)),
-            radii,
-            radii * rng.uniform(0.4, 1.0, count),
-            rng.uniform(0, np.pi, count),
-            rng.random(count) < rng.random(),
-            rng.standard_normal(count),
-        ]
-    )
+    centers, widths = rng.uniform(0, SIDE, (count, 2)), radii * rng.uniform(0.4, 1.0, count)
+    angles, are_rectangles = rng.uniform(0, np.pi, count), rng.random(count) < rng.random()
+    grays = rng.standard_normal(count)
+    leaves = np.column_stack([centers, radii, widths, angles, are_rectangles, grays])
     image = np.zeros((SIDE, SIDE), np.float32)
     paint_leaves(image, leaves)
     return image

@@ -38,12 +38,13 @@ PARAMETERS = (
 )
 LATENCY, SCALE, CORNER_BIAS = "latency_ms", "scale", "corner_bias_px"
 
-_MIN_IMAGES, _MIN_MARKERS = 3, 6
+_MIN_POSITIONS, _MIN_MARKERS = 3, 6
 _OUTLIER = 4.0  # robust standard deviations of the residuals of all corners
 _MIN_SIGMA_PX = 0.05  # lower limit of that standard deviation
 _MIN_INLIERS = 0.5
 _ROUNDS = 10
 _MAX_STEPS = 200
+_STEP = 1e-5  # of the differences for the Jacobian
 _WORST_CONDITION = 1e-6  # smallest singular value of the scaled Jacobian, over the largest
 _MIN_SPEED = 0.2  # fraction of the highest speed above which an image counts as moving
 _MIN_SHARE = 0.1  # fraction of the moving images, in each direction
@@ -115,10 +116,8 @@ class RigPose:
         points_px
             (..., N, 2) px.
         """
-        x = np.asarray(x_m, dtype=np.float64)
-        position = self.origin_m + self.scale * x[..., None] * self.direction
         world = np.concatenate([points_m, np.zeros_like(points_m[..., :1])], axis=-1)
-        return camera.project((world - position[..., None, :]) @ self.R_world_cam)
+        return camera.project((world - self.at(x_m)[..., None, :3, 3]) @ self.R_world_cam)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,12 +177,8 @@ def solve(
     fit, markers are left out if a corner's distance is more than four times the robust root mean
     square distance.
     """
-    _check_enough(corners)
+    _check_enough(corners, slider)
     x_m = slider.position_m(corners.t_us)
-    if not np.ptp(x_m) > 0:
-        raise RigError(
-            f"solve: found all images at {x_m[0]:g} m of the slider, expected it to move"
-        )
     # From the first reading: steps of the search are far below a microsecond.
     origin_us = slider.t_us[0]
     corners = replace(corners, t_us=corners.t_us - origin_us)
@@ -199,27 +194,27 @@ def solve(
         off_px = np.linalg.norm(model.residuals(corners, values), axis=-1)
         # The median length of a vector of two standard normal components is 1.1774.
         sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _MIN_SIGMA_PX)
-        now = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
-        if now.mean() < _MIN_INLIERS:
+        near = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
+        if near.mean() < _MIN_INLIERS:
             raise RigError(
-                f"solve: found {np.sum(~now)} of {len(now)} markers that contradict the others, "
-                f"expected fewer than half; is this the page and the camera of the recording?"
+                f"solve: {np.sum(~near)} of {len(near)} markers contradict the others; check the "
+                "page and the camera"
             )
-        if np.array_equal(now, inliers):
+        if np.array_equal(near, inliers):
             break
-        inliers = now
+        inliers = near
     used = corners.of(inliers)
-    _check_enough(used)
+    _check_enough(used, slider)
     values = model.fit(used, values)
     return model.solution(used, inliers, values)
 
 
-def _check_enough(corners: Corners) -> None:
-    images, markers = len(np.unique(corners.t_us)), len(corners.t_us)
-    if images < _MIN_IMAGES or markers < _MIN_MARKERS:
+def _check_enough(corners: Corners, slider: Slider) -> None:
+    positions, markers = len(np.unique(slider.position_m(corners.t_us))), len(corners.t_us)
+    if positions < _MIN_POSITIONS or markers < _MIN_MARKERS:
         raise RigError(
-            f"solve: found {markers} markers in {images} images, expected at least "
-            f"{_MIN_MARKERS} in {_MIN_IMAGES}"
+            f"solve: needs at least {_MIN_MARKERS} markers at {_MIN_POSITIONS} positions of the "
+            f"slider, found {markers} at {positions}"
         )
 
 
@@ -227,12 +222,11 @@ def _check_both_directions(slider: Slider, corners: Corners) -> None:
     """Refuse to estimate a latency from motion in one direction only."""
     speed = slider.speed_mps(np.unique(corners.t_us))
     fast = abs(speed) > _MIN_SPEED * abs(speed).max(initial=0.0)
-    there, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
-    if min(there, back) < max(1, _MIN_SHARE * (there + back)):
+    forth, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
+    if min(forth, back) < max(1, _MIN_SHARE * (forth + back)):
         raise RigError(
-            f"solve: latency: found {there} images on the way there and {back} on the way back, "
-            "expected both, as motion in one direction cannot tell latency from position; leave "
-            "the latency out, or record both"
+            f"solve: --latency needs motion in both directions, found {forth} images on the way "
+            f"there and {back} on the way back"
         )
 
 
@@ -243,14 +237,11 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
     times, counts = np.unique(corners.t_us, return_counts=True)
     rotations = []
     for t_us in times[counts >= np.median(counts)]:
-        points, seen = (one[corners.t_us == t_us].reshape(-1, 3) for one in (world, rays))
-        found, turn, _ = cv2.solvePnP(
-            points, np.ascontiguousarray(seen[:, :2]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        points, ends = (array[corners.t_us == t_us].reshape(-1, 3) for array in (world, rays))
+        _, turn, _ = cv2.solvePnP(
+            points, np.ascontiguousarray(ends[:, :2]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
         )
-        if found:
-            rotations.append(cv2.Rodrigues(turn)[0].T)
-    if not rotations:
-        raise RigError("solve: found no image whose markers give a pose, expected one or more")
+        rotations.append(cv2.Rodrigues(turn)[0].T)
     R = Rotation.from_matrix(rotations).mean().as_matrix()
     # A point lies on its ray r: r x (point - origin - x * direction) = 0, linear in both unknowns.
     r = (rays @ R.T).reshape(-1, 3)
@@ -295,11 +286,7 @@ class _Model:
     guess: RigPose
 
     def start(self) -> Float64:
-        names = self.unknowns.names()
-        values = np.zeros(len(names))
-        if SCALE in names:
-            values[names.index(SCALE)] = 1.0
-        return values
+        return np.array([float(name == SCALE) for name in self.unknowns.names()])
 
     def pose(self, values: Float64) -> RigPose:
         extra = self._extra(values)
@@ -319,12 +306,10 @@ class _Model:
         t_us = corners.t_us - 1e3 * extra.get(LATENCY, 0.0)
         x_m = np.interp(t_us, self.slider.t_us, self.slider.x_m)
         predicted = self.pose(values).project(self.camera, corners.page_m, x_m)
-        bias_px = extra.get(CORNER_BIAS, 0.0)
-        if bias_px:
+        if bias_px := extra.get(CORNER_BIAS, 0.0):
             outward = predicted - predicted.mean(axis=1, keepdims=True)
-            predicted = predicted + bias_px * outward / np.linalg.norm(
-                outward, axis=-1, keepdims=True
-            )
+            length = np.linalg.norm(outward, axis=-1, keepdims=True)
+            predicted = predicted + bias_px * outward / length
         return corners.image_px - predicted
 
     def fit(self, corners: Corners, values: Float64) -> Float64:
@@ -339,21 +324,17 @@ class _Model:
                 max_nfev=_MAX_STEPS,
             )
         except RenderError:  # the page is behind the camera
-            raise RigError(
-                "solve: the search lost the page; is this the page and the camera of the recording?"
-            ) from None
+            raise RigError("solve: the fit lost the page; check the page and the camera") from None
         if not fitted.success:
-            raise RigError(f"solve: the search did not converge: {fitted.message}")
+            raise RigError(f"solve: the fit did not converge: {fitted.message}")
         return fitted.x
 
     def jacobian(self, corners: Corners, values: Float64) -> Float64:
         """Return the derivatives of the residuals, (8 M, P), by central differences."""
-        steps = np.full(len(values), 1e-5)
         columns = []
-        for k, step in enumerate(steps):
-            either = [values + sign * step * np.eye(len(values))[k] for sign in (1, -1)]
-            ahead, behind = (self.residuals(corners, one).ravel() for one in either)
-            columns.append((ahead - behind) / (2 * step))
+        for step in _STEP * np.eye(len(values)):
+            ahead, behind = (self.residuals(corners, values + s * step).ravel() for s in (1, -1))
+            columns.append((ahead - behind) / (2 * _STEP))
         return np.stack(columns, axis=1)
 
     def solution(self, corners: Corners, inliers: NDArray[np.bool_], values: Float64) -> Solution:
@@ -362,15 +343,12 @@ class _Model:
         jacobian = self.jacobian(corners, values)
         length = np.linalg.norm(jacobian, axis=0)
         names = self.unknowns.names()
-        if not np.all(length > 0):
-            raise RigError(f"solve: the corners do not depend on {names[int(np.argmin(length))]}")
         singular, directions, half = inverse_of(jacobian, length)
-        if singular[-1] < _WORST_CONDITION * singular[0]:
-            open_one = names[int(np.argmax(abs(directions[-1])))]
+        condition = singular[-1] / singular[0]
+        if condition < _WORST_CONDITION:
             raise RigError(
-                f"solve: the corners do not determine {open_one}: found a smallest singular value "
-                f"of {singular[-1] / singular[0]:.1g} of the largest, expected at least "
-                f"{_WORST_CONDITION:g}"
+                f"solve: the corners do not determine {names[int(np.argmax(abs(directions[-1])))]}:"
+                f" the smallest singular value is {condition:.1g} of the largest"
             )
         variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
         extra = self._extra(values)

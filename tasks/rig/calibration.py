@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion
-from eres_render.storage.atomic import write_text
+from eres_render.errors import reading
 from eres_render.storage.settings_reader import Vector3, read_json
 from tasks.errors import RigError
-from tasks.rig.bundle import Corners, RigPose, Solution, Unknowns, solve
+from tasks.rig.bundle import Corners, RigPose, Unknowns, solve
 from tasks.rig.markers import Detections
+from tasks.rig.page import write_json
 from tasks.rig.recording import RigRecording
 
 Float64 = NDArray[np.float64]
@@ -41,30 +41,24 @@ class StoredPose:
     def __post_init__(self) -> None:
         R = np.array(self.R_world_cam)
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
-            raise RigError("R_world_cam: found no rotation, expected the rows of one")
+            raise RigError("R_world_cam: expected the rows of a rotation matrix")
 
     @classmethod
     def of(cls, pose: RigPose) -> StoredPose:
         """Store a pose."""
-        rows = [_vector(row) for row in pose.R_world_cam]
-        return cls(
-            (rows[0], rows[1], rows[2]),
-            _vector(pose.origin_m),
-            _vector(pose.direction),
-            pose.scale,
-        )
+        x, y, z = map(_vector, pose.R_world_cam)
+        return cls((x, y, z), _vector(pose.origin_m), _vector(pose.direction), pose.scale)
 
     def pose(self) -> RigPose:
         """Return the pose."""
-        return RigPose(
-            np.array(self.R_world_cam),
-            np.array(self.origin_m),
-            np.array(self.direction),
-            self.scale,
-        )
+        R, origin_m, direction = map(np.array, (self.R_world_cam, self.origin_m, self.direction))
+        return RigPose(R, origin_m, direction, self.scale)
 
 
-_INTRINSICS = ("fx", "fy", "cx", "cy", *(field.name for field in fields(Distortion)))
+_OF_CAMERA = (
+    *("width", "height", "fx", "fy", "cx", "cy"),
+    *(field.name for field in fields(Distortion)),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,19 +105,14 @@ class SolvedRecording:
     intrinsics: tuple[float, ...] = ()
 
     def check_camera(self, camera: Camera) -> None:
-        """Refuse another camera than that of the calibration."""
-        if (self.width, self.height) != (camera.width, camera.height):
-            raise RigError(
-                f"calibration: found a camera of {self.width}x{self.height} px, expected "
-                f"{camera.width}x{camera.height}, that of the recording"
-            )
-        for name, found, expected in zip(
-            _INTRINSICS, self.intrinsics, _intrinsics_of(camera), strict=False
-        ):
-            if not math.isclose(found, expected, rel_tol=1e-9, abs_tol=1e-12):
+        """Refuse a camera that is not the calibrated one."""
+        solved = self.width, self.height, *self.intrinsics
+        recorded = camera.width, camera.height, *_intrinsics_of(camera)
+        for name, ours, theirs in zip(_OF_CAMERA, solved, recorded, strict=False):
+            if not math.isclose(ours, theirs, rel_tol=1e-9, abs_tol=1e-12):
                 raise RigError(
-                    f"calibration: found a camera with {name} = {found:.6g}, expected "
-                    f"{expected:.6g}, that of the recording; solve it again"
+                    f"calibration: its camera has {name} = {ours:.6g}, that of the recording "
+                    f"{theirs:.6g}; run `eres rig solve` again"
                 )
 
 
@@ -141,14 +130,11 @@ class RigCalibration:
             if solved.recording == wanted:
                 solved.check_camera(recording.camera)
                 return solved
-        raise RigError(
-            f"calibration: found {', '.join(one.recording for one in self.recordings)}, expected "
-            f"{wanted}; solve it too"
-        )
+        raise RigError(f"calibration: {wanted} is missing; give it to `eres rig solve` too")
 
 
 def solve_recording(
-    recording: RigRecording, found: Detections, unknowns: Unknowns, max_rms_px: float
+    recording: RigRecording, detections: Detections, unknowns: Unknowns, max_rms_px: float
 ) -> SolvedRecording:
     """Solve a recording from the markers in it.
 
@@ -158,52 +144,38 @@ def solve_recording(
         Refuse solutions with larger residuals, px.
     """
     page, camera = recording.page, recording.camera
-    if len(found.number) and found.number.max() >= len(page.markers_m):
+    t_us, numbers, corners_px = detections.t_us, detections.number, detections.corners_px
+    outside_px = (corners_px - (camera.width, camera.height)).max(initial=0.0)
+    if outside_px > _EDGE_PX or numbers.max(initial=0) >= len(page.markers_m):
         raise RigError(
-            f"{recording.folder}: found marker {found.number.max()}, expected numbers below "
-            f"{len(page.markers_m)}, those of the page"
+            f"{recording.folder}: the corners are of another page or camera; detect them again"
         )
-    beyond_px = found.corners_px - (camera.width, camera.height)
-    if beyond_px.max(initial=0.0) > _EDGE_PX:
-        raise RigError(
-            f"{recording.folder}: found a corner at {found.corners_px.max(axis=(0, 1))} px, "
-            f"expected at most {camera.width}x{camera.height}; is this another camera?"
-        )
-    corners = Corners(
-        found.t_us.astype(np.float64),
-        np.array([page.corners(k) for k in found.number.tolist()]).reshape(-1, 4, 2),
-        found.corners_px,
-    )
-    try:
+    page_m = np.array([page.corners(k) for k in numbers.tolist()]).reshape(-1, 4, 2)
+    corners = Corners(t_us.astype(np.float64), page_m, corners_px)
+    with reading(recording.folder, "a recording", RigError):
         solution = solve(corners, recording.slider, camera, unknowns)
-    except RigError as error:
-        raise RigError(f"{recording.folder}: {error}") from None
     if solution.rms_px > max_rms_px:
         raise RigError(
-            f"{recording.folder}: solve: found residuals of {solution.rms_px:.2f} px, expected at "
-            f"most {max_rms_px:g}; are the clocks, the page and the camera those of the recording?"
+            f"{recording.folder}: solve: the residuals are {solution.rms_px:.2f} px, more than "
+            f"--max-rms {max_rms_px:g}; check the clocks, the page and the camera"
         )
-    return _stored(recording, found, solution)
-
-
-def _stored(recording: RigRecording, found: Detections, solution: Solution) -> SolvedRecording:
-    x_m = recording.slider.position_m(found.t_us[solution.inliers])
+    x_m = recording.slider.position_m(t_us[solution.inliers])
     return SolvedRecording(
         recording=str(recording.folder.resolve()),
-        source=found.source,
-        width=recording.camera.width,
-        height=recording.camera.height,
+        source=detections.source,
+        width=camera.width,
+        height=camera.height,
         pose=StoredPose.of(solution.pose),
         latency_ms=solution.latency_ms,
         corner_bias_px=solution.corner_bias_px,
         estimated=solution.names,
         covariance=tuple(tuple(row) for row in solution.covariance.tolist()),
         rms_px=solution.rms_px,
-        markers=len(found.t_us),
+        markers=len(t_us),
         inliers=int(solution.inliers.sum()),
         images=solution.images,
         x_m=(float(x_m.min()), float(x_m.max())),
-        intrinsics=_intrinsics_of(recording.camera),
+        intrinsics=_intrinsics_of(camera),
     )
 
 
@@ -215,8 +187,7 @@ def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
 
 def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
     """Write calibration.json."""
-    table = asdict(RigCalibration(gauge=GAUGE, recordings=tuple(solved)))
-    write_text(path, json.dumps(table, indent=1) + "\n", overwrite=overwrite)
+    write_json(path, RigCalibration(gauge=GAUGE, recordings=tuple(solved)), overwrite=overwrite)
 
 
 def read_rig_calibration(path: Path) -> RigCalibration:
@@ -257,10 +228,10 @@ def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, flo
     apart_m = pose.at(positions)[:, :3, 3] - truth.at(positions)[:, :3, 3]
     image, flow = [], []
     for x in positions.tolist():
-        seen, meant = (on_page(one, camera, grid_px, x) for one in (pose, truth))
-        image.append(pose.project(camera, meant, x) - grid_px)
-        moved = pose.project(camera, seen, x + _WINDOW_M)
-        flow.append(moved - truth.project(camera, meant, x + _WINDOW_M))
+        solved_m, true_m = (on_page(each, camera, grid_px, x) for each in (pose, truth))
+        image.append(pose.project(camera, true_m, x) - grid_px)
+        moved = pose.project(camera, solved_m, x + _WINDOW_M)
+        flow.append(moved - truth.project(camera, true_m, x + _WINDOW_M))
     turned_rad = Rotation.from_matrix(pose.R_world_cam.T @ truth.R_world_cam).magnitude()
     return Errors(1e3 * _rms(apart_m), float(np.rad2deg(turned_rad)), _rms(image), _rms(flow))
 
@@ -298,7 +269,7 @@ def read_truth(recording: RigRecording) -> RigPose | None:
 
 def write_truth(folder: Path, pose: RigPose) -> None:
     """Write truth.json into the folder of a virtual recording."""
-    write_text(folder / TRUTH_NAME, json.dumps(asdict(StoredPose.of(pose)), indent=1) + "\n")
+    write_json(folder / TRUTH_NAME, StoredPose.of(pose))
 
 
 def _vector(values: Float64) -> Vector3:

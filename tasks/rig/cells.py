@@ -58,13 +58,13 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     for (scene, light, _), cells in visits.items():
         of_light.setdefault((scene, light), set()).update(width for width, _ in cells)
     for (scene, light), has in of_light.items():
-        lacks = {px for (one, _), of in of_light.items() if one == scene for px in of - has}
+        lacks = {px for (other, _), of in of_light.items() if other == scene for px in of - has}
         if lacks:
             _log.warning(
-                "%s: found crops of %s in light of cutoff %g Hz and threshold %g, and none of %s",
-                *(scene, _named(has), *light, _named(lacks)),
+                "%s: cutoff %g Hz, threshold %g: there are crops of %s, but none of %s",
+                *(scene, *light, _named(has), _named(lacks)),
             )
-    kept: list[Row] = []
+    grouped: list[Row] = []
     for (scene, light, task), cells in visits.items():
         items = {
             cell: {place: _items(of, per_visit.get(task, 1)) for place, of in places.items()}
@@ -73,15 +73,14 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
         rows = _equal(items, of_light[scene, light])
         if not rows:
             named = _named(of_light[scene, light])
-            lacking = f"{task} of {scene}: found no speed at which crops of {named} share a place"
+            lacking = f"{task} of {scene}: crops of {named} share no place at any speed"
             _log.warning("%s; left out", lacking)
-        kept += rows
-    if every and not kept:
+        grouped += rows
+    if every and not grouped:
         raise RigError(
-            f"evaluate: {lacking}, expected one; record the same speeds from each distance, or "
-            "give more places"
+            f"evaluate: {lacking}; record the same speeds from each distance, or increase --places"
         )
-    return kept
+    return grouped
 
 
 def _named(widths: Collection[int]) -> str:
@@ -91,13 +90,12 @@ def _named(widths: Collection[int]) -> str:
 def _items(visits: dict[_Visit, _Place], per_visit: int) -> _Place:
     """Return the rows of all visits of a place: the nth visit in a direction has the same items in
     every recording, whatever other speeds it has."""
-    found: _Place = {}
+    place: _Place = {}
     for back in (0, 1):
-        there = sorted(visit for visit in visits if visit[1] % 2 == back)
-        for n, visit in enumerate(there):
+        for n, visit in enumerate(sorted(visit for visit in visits if visit[1] % 2 == back)):
             first = (2 * n + back) * per_visit
-            found |= {first + k: rows for k, rows in visits[visit].items()}
-    return found
+            place |= {first + k: rows for k, rows in visits[visit].items()}
+    return place
 
 
 def _groups(values: Iterable[float]) -> dict[float, float]:
@@ -118,26 +116,27 @@ def _equal(cells: dict[_Cell, dict[int, _Place]], widths: Collection[int]) -> li
         for speed in sorted({speed for _, speed in cells})
     }
     sizes = sorted({len(items) for places in shared.values() for items in places.values()})
-    kept = max((_full(shared, n) for n in sizes), key=_worth, default={})
-    count = min(map(len, kept.values()), default=0)
+    chosen = max((_full(shared, n) for n in sizes), key=_worth, default={})
+    count = min(map(len, chosen.values()), default=0)
     rows = []
     for (_, speed), places in cells.items():
-        numbers = [*kept.get(speed, {})]
+        if speed not in chosen:
+            continue
+        numbers = [*chosen[speed]]
         spread = np.linspace(0, len(numbers) - 1, count).round().astype(int).tolist()
-        for sample, index in enumerate(spread if numbers else []):
-            number = numbers[index]
-            for item, one in enumerate(kept[speed][number]):
-                rows += [replace(row, sample=sample, item=item) for row in places[number][one]]
+        for sample, number in enumerate(numbers[index] for index in spread):
+            for item, old in enumerate(chosen[speed][number]):
+                rows += [replace(row, sample=sample, item=item) for row in places[number][old]]
     return rows
 
 
 def _shared(widths: Sequence[dict[int, _Place]]) -> _Shared:
     """Return the items that all widths have, by their place; without places that have none."""
-    found = {
+    shared = {
         number: sorted(set.intersection(*(set(places[number]) for places in widths)))
         for number in sorted(set.intersection(*map(set, widths)))
     }
-    return {number: items for number, items in found.items() if items}
+    return {number: items for number, items in shared.items() if items}
 
 
 def _full(shared: dict[float, _Shared], n: int) -> dict[float, _Shared]:
@@ -149,8 +148,8 @@ def _full(shared: dict[float, _Shared], n: int) -> dict[float, _Shared]:
     return {speed: places for speed, places in full.items() if places}
 
 
-def _worth(kept: dict[float, _Shared]) -> tuple[int, bool, int]:
-    """Return the number of speeds, whether they have intervals, and the least items at one."""
-    places = min(map(len, kept.values()), default=0)
-    items = min((sum(map(len, one.values())) for one in kept.values()), default=0)
-    return len(kept), places >= MIN_SAMPLES_FOR_INTERVAL, items
+def _worth(speeds: dict[float, _Shared]) -> tuple[int, bool, int]:
+    """Return the number of speeds, whether they have intervals, and their smallest item count."""
+    places = min(map(len, speeds.values()), default=0)
+    items = min((sum(map(len, at.values())) for at in speeds.values()), default=0)
+    return len(speeds), places >= MIN_SAMPLES_FOR_INTERVAL, items

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import reading
-from sensor.errors import EventError
+from sensor import errors
 from sensor.formats import Triggers
 from tasks.errors import RigError
 from tasks.rig.slider import Slider, read_columns
@@ -23,7 +23,7 @@ _FARTHEST_US = 1000.0  # largest distance of an edge from the fitted line
 _MIN_SPAN = 0.1  # of the edges, as a part of the readings, for a drift that holds for all of these
 
 
-def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers]) -> Slider:
+def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Triggers]) -> Slider:
     """Return readings on the clock of the events.
 
     Parameters
@@ -39,25 +39,21 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
     slider_us = numbers["slider_us"]
     t_us = numbers.get("t_us")
     if t_us is None:
-        try:
-            t_us = seen().rising_us().astype(np.float64)
-        except EventError as error:
-            raise RigError(f"{file}: {error}; give their times in a column t_us") from None
-        if len(t_us) != len(slider_us):
-            raise RigError(
-                f"{file}: found {len(slider_us)} edges, expected {len(t_us)}, the rising ones in "
-                "the file of events; or give their times in a column t_us"
-            )
-    if not len(slider_us):
-        raise RigError(f"{file}: found no edge, expected one or more")
+        with errors.reading(file, error=RigError):
+            t_us = triggers().rising_us().astype(np.float64)
+    if not 0 < len(t_us) == len(slider_us):
+        raise RigError(
+            f"{file}: the slider has {len(slider_us)} edges, the events {len(t_us)} rising ones; "
+            "each edge needs both times"
+        )
     spans = float(np.ptp(slider_us)) >= _MIN_SPAN * float(np.ptp(slider.t_us))
     drift = _drift(slider_us, t_us) if spans else 0.0
     zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
     if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):
         raise RigError(
-            f"{file}: found edges that fit to {off_us.max():.0f} us with a drift of {drift:.2g}, "
-            f"expected {_FARTHEST_US:.0f} us and {_MAX_DRIFT:g}: is one missing?"
+            f"{file}: the edges differ by {off_us.max():.0f} us at a drift of {drift:.2g}; the "
+            f"limits are {_FARTHEST_US:.0f} us and {_MAX_DRIFT:g}; is an edge missing?"
         )
     return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)
 

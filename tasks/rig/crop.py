@@ -8,11 +8,9 @@ relative to each other remain in the homographies.
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,10 +53,6 @@ class Box:
     top: int
     right: int
     bottom: int
-
-    def __post_init__(self) -> None:
-        if self.right <= self.left or self.bottom <= self.top:
-            raise RigError(f"box: found {self}, expected right of left, and bottom below top")
 
     @property
     def width(self) -> int:
@@ -105,26 +99,18 @@ class Cropped:
     fy: float
     cx: float
     cy: float
-    lens: tuple[float, ...]
+    lens: tuple[float, float, float, float, float]
     box: Box
     pose: StoredPose
     latency_ms: float
 
     def __post_init__(self) -> None:
-        if len(self.lens) != 5:
-            raise RigError(f"lens: found {len(self.lens)} numbers, expected k1, k2, p1, p2 and k3")
         self.camera()
 
     def camera(self) -> Camera:
         """Return the camera of the crop."""
-        return Camera(
-            *(self.width, self.height),
-            fx=self.fx,
-            fy=self.fy,
-            cx=self.cx,
-            cy=self.cy,
-            distortion=Distortion(*self.lens),
-        )
+        lens, size = Distortion(*self.lens), (self.width, self.height)
+        return Camera(*size, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=lens)
 
 
 def common_boxes(
@@ -145,23 +131,20 @@ def common_boxes(
         roll_deg = math.degrees(math.atan2(right[1], right[0]))
         if _MAX_ROLL_DEG < abs(roll_deg) < 180 - _MAX_ROLL_DEG:
             raise RigError(
-                f"crop: found a camera rolled by {roll_deg:.0f} degrees against the nearest one, "
-                f"expected at most {_MAX_ROLL_DEG}, or upside down"
+                f"crop: a camera is rolled by {roll_deg:.0f} degrees against the nearest one; the "
+                f"limit is {_MAX_ROLL_DEG} degrees, upright or upside down"
             )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
-    field = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
-    for camera, pose in both:
-        whole = Box(0, 0, camera.width, camera.height)
+    boxes = [Box(0, 0, camera.width, camera.height) for camera in cameras]
+    field = boxes[nearest]
+    for (camera, pose), whole in zip(both, boxes, strict=True):
         for x in positions:
-            seen = on_page(pose, camera, whole.sides(), x)
-            field = _inside(field, poses[nearest].project(cameras[nearest], seen, x))
-    boxes = []
-    for camera, pose in both:
-        box = Box(0, 0, camera.width, camera.height)
+            sides_m = on_page(pose, camera, whole.sides(), x)
+            field = _inside(field, poses[nearest].project(cameras[nearest], sides_m, x))
+    for k, (camera, pose) in enumerate(both):
         for x in positions:
-            seen = on_page(poses[nearest], cameras[nearest], field.sides(), x)
-            box = _inside(box, pose.project(camera, seen, x))
-        boxes.append(box)
+            sides_m = on_page(poses[nearest], cameras[nearest], field.sides(), x)
+            boxes[k] = _inside(boxes[k], pose.project(camera, sides_m, x))
     return boxes
 
 
@@ -170,15 +153,15 @@ def _inside(box: Box, sides_px: Float64) -> Box:
     # A camera may be upside down, so the corner at its top left is looked for.
     first = int(np.argmin(sides_px[:, 0].sum(axis=1)))
     top, right, bottom, left = np.roll(sides_px, -first, axis=0)
-    found = Box(
+    part = Box(
         max(box.left, int(np.ceil(left[:, 0].max() - 1e-6))),
         max(box.top, int(np.ceil(top[:, 1].max() - 1e-6))),
         min(box.right, int(np.floor(right[:, 0].min() + 1e-6))),
         min(box.bottom, int(np.floor(bottom[:, 1].min() + 1e-6))),
     )
-    if found.width < 1 or found.height < 1:
-        raise RigError("crop: found no field that all cameras see at all positions of the slider")
-    return found
+    if part.width < 1 or part.height < 1:
+        raise RigError("crop: no part of the page is in view of all cameras all the time")
+    return part
 
 
 def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
@@ -217,55 +200,44 @@ def crop(
     camera of the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the
     page to the crop) every millisecond; slider.csv; and the page.
     """
-    if not recordings:
-        raise RigError("crop: found no recording, expected at least one folder")
-    solved = [calibration.of(one) for one in recordings]
-    if len({one.folder.resolve().name for one in recordings}) < len(recordings):
-        raise RigError("crop: found two recordings of the same name, expected different names")
-    if any(one.page != recordings[0].page for one in recordings):
-        raise RigError("crop: found recordings of different pages, expected the same page")
-    x_m = max(one.x_m[0] for one in solved), min(one.x_m[1] for one in solved)
-    if not x_m[0] < x_m[1]:
-        raise RigError("crop: found no range of slider positions that all recordings share")
-    cameras = [one.camera for one in recordings]
-    boxes = common_boxes(cameras, [one.pose.pose() for one in solved], x_m)
+    solved = [calibration.of(recording) for recording in recordings]
     folders = [out / recording.folder.resolve().name for recording in recordings]
+    if len(set(folders)) < len(folders):
+        raise RigError("crop: two recordings have the same name; rename one of the folders")
+    if any(recording.page != recordings[0].page for recording in recordings):
+        raise RigError("crop: the recordings are of different pages")
+    x_m = max(solution.x_m[0] for solution in solved), min(solution.x_m[1] for solution in solved)
+    if not x_m[0] < x_m[1]:
+        raise RigError("crop: the recordings share no range of slider positions")
+    cameras = [recording.camera for recording in recordings]
+    boxes = common_boxes(cameras, [solution.pose.pose() for solution in solved], x_m)
     for folder in folders:
         if (folder / rig_files.FILE_NAME).exists():
-            raise RigError(f"{folder}: found a recording, expected another --out for its crop")
+            raise RigError(f"{folder}: is the folder of a recording; give another --out")
         clear_unfinished(folder)
         check_new(folder / FILE_NAME, overwrite)
     for file in out.glob(f"*/{FILE_NAME}"):
         if file.parent not in folders:
-            raise RigError(
-                f"{file.parent}: found the crop of another recording, expected a folder for "
-                f"{', '.join(one.name for one in folders)} alone: its crops show one field"
-            )
+            raise RigError(f"{file.parent}: was cropped with other recordings; give another --out")
     for folder in folders:  # the field may be another one
         (folder / FILE_NAME).unlink(missing_ok=True)
-    for k, recording in enumerate(recordings):
-        solution, box, folder = solved[k], boxes[k], folders[k]
+    for k, (recording, box) in enumerate(zip(recordings, boxes, strict=True)):
         camera = recording.camera.cropped(box.left, box.top, box.width, box.height)
         cropped = Cropped(
             scene=recording.settings.page.picture,
-            width=camera.width,
-            height=camera.height,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=camera.cx,
-            cy=camera.cy,
+            **{name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
             lens=astuple(camera.distortion or Distortion()),
             box=box,
-            pose=solution.pose,
-            latency_ms=solution.latency_ms,
+            pose=solved[k].pose,
+            latency_ms=solved[k].latency_ms,
         )
-        _write(folder, recording, cropped)
+        _write(folders[k], recording, cropped)
         on_progress("cropping", k + 1, len(recordings))
     return folders
 
 
 def _write(folder: Path, recording: RigRecording, cropped: Cropped) -> None:
-    """Write a crop; a folder without its last file, crop.json, is none."""
+    """Write a crop; crop.json is written last and marks it as complete."""
     make_folder(folder)
     page = recording.page
     codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)
@@ -274,7 +246,7 @@ def _write(folder: Path, recording: RigRecording, cropped: Cropped) -> None:
     slider_files.write_slider(folder / slider_files.FILE_NAME, recording.slider)
     _write_poses(folder, recording.slider, cropped)
     write_events(folder / EVENTS_NAME, _cut(recording.events(), cropped.box))
-    write_text(folder / FILE_NAME, json.dumps(asdict(cropped), indent=1) + "\n")
+    page_files.write_json(folder / FILE_NAME, cropped)
 
 
 def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
@@ -282,11 +254,11 @@ def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
     for part in parts:
         model = part.model
         if model is not None:
-            model = dataclasses.replace(model, width=box.width, height=box.height)
+            model = replace(model, width=box.width, height=box.height)
         inside = (part.x >= box.left) & (part.x < box.right)
-        kept = part.where(inside & (part.y >= box.top) & (part.y < box.bottom))
-        x, y = kept.x - np.uint16(box.left), kept.y - np.uint16(box.top)
-        yield Events(kept.t_us, x, y, kept.p, box.width, box.height, model)
+        part = part.where(inside & (part.y >= box.top) & (part.y < box.bottom))
+        x, y = part.x - np.uint16(box.left), part.y - np.uint16(box.top)
+        yield Events(part.t_us, x, y, part.p, box.width, box.height, model)
 
 
 def _write_poses(folder: Path, slider: Slider, cropped: Cropped) -> None:
@@ -311,5 +283,5 @@ def span_of_events(folder: Path) -> tuple[int, int]:
     file = folder / EVENTS_NAME
     ends = [int(part.t_us[k]) for part in read_events(file) if len(part) for k in (0, -1)]
     if not ends:
-        raise RigError(f"{file}: found no events, expected some")
+        raise RigError(f"{file}: no events")
     return ends[0], ends[-1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -20,7 +19,7 @@ from tasks.exposures import FILE_NAME as FRAMES_TABLE
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
 from tasks.rig.page import linear
-from tasks.rig.recording import RigRecording
+from tasks.rig.recording import RigRecording, thresholds_of
 from tasks.video import ImageTaker, VideoMethod
 
 Float64 = NDArray[np.float64]
@@ -50,51 +49,40 @@ def detect(
     max_speed_mps
         Leave out times at which the slider is faster, m/s.
     contrast_threshold
-        C for "ei", log units; by default that of the file of events, if it was simulated.
+        C for "ei", log units; by default the simulated sensor's.
     blur_px
-        Standard deviation of the Gaussian that blurs each image before its markers are found, px; 0
-        is no blur. It makes the latency of "ei" images that of the photoreceptor: a corner is where
-        the image is halfway between dark and light, which after a step is the median of the delay,
-        and in an edge that is blurred evenly to both sides its mean. The corners themselves get
-        less exact. Frames are blurred in their codes, where corners are found: an edge that is even
-        in them stays where it is; in light it would move toward the dark.
+        Standard deviation of the Gaussian blur of each image before detection, px; 0 is no blur.
+        With it, the latency of "ei" images is the photoreceptor's mean delay: a corner is where the
+        image is halfway between dark and light, which is the median delay after a sharp step, and
+        the mean delay in an evenly blurred edge. The corners themselves get less exact. Frames are
+        blurred in their codes, in which corners are located: blurred in light, an edge would move
+        toward the dark.
     """
     page, camera = recording.page, recording.camera
     check_positive("images", images, RigError)
     if contrast_threshold is not None:
         check_positive("threshold", contrast_threshold, RigError)
     if not 0 <= blur_px < camera.width:
-        raise RigError(
-            f"blur: found {blur_px:g} px, expected 0 or more, below the image's width of "
-            f"{camera.width} px"
-        )
-    finder = detector(page.dictionary, len(page.markers_m), camera.width)
-    if refinement is not None:
-        finder = replace(finder, refinement=refinement)
+        raise RigError(f"blur: found {blur_px:g} px, expected 0 to {camera.width}, the width")
+    count = len(page.markers_m)
+    finder = detector(page.dictionary, count, camera.width, refinement or "contour")
+    if source != "hf" and not recording.frames:
+        raise RigError(f"{recording.folder}: --source {source} needs frames.csv, which is missing")
     if source == "frame":
         pictures = _frames(recording, images, max_speed_mps)
     else:
         pictures = _from_events(recording, source, images, max_speed_mps, contrast_threshold)
-    t_us, numbers, corners, scores = [], [], [], []
+    rows = []
     for k, (time_us, image) in enumerate(pictures):
-        number, corners_px, score = finder.find(_codes(image, blur_px))
-        t_us.append(np.full(len(number), time_us, np.int64))
-        numbers.append(number)
-        corners.append(corners_px)
-        scores.append(score)
+        numbers, *others = finder.find(_codes(image, blur_px))
+        rows.append((np.full(len(numbers), time_us, np.int64), numbers, *others))
         on_progress("detecting", k + 1, images)
-    if not sum(map(len, numbers)):
+    t_us, numbers, corners_px, scores = map(np.concatenate, zip(*rows, strict=True))
+    if not len(t_us):
         raise RigError(
-            f"{recording.folder}: found none of {len(page.markers_m)} markers in {len(t_us)} "
-            f"images, expected some of {page.dictionary}"
+            f"{recording.folder}: no marker of {page.dictionary} is visible in {len(rows)} images"
         )
-    return Detections(
-        np.concatenate(t_us),
-        np.concatenate(numbers),
-        np.concatenate(corners),
-        np.concatenate(scores),
-        source,
-    )
+    return Detections(t_us, numbers, corners_px, scores, source)
 
 
 def _codes(image: NDArray[Any], blur_px: float) -> NDArray[np.uint8]:
@@ -104,34 +92,21 @@ def _codes(image: NDArray[Any], blur_px: float) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else gray_codes(image)
 
 
-def _need_frames(recording: RigRecording) -> None:
-    if not recording.frames:
-        raise RigError(f"{recording.folder}: found no frames.csv, expected frames for this source")
-
-
 def _frames(recording: RigRecording, images: int, max_speed_mps: float) -> Pictures:
     """Yield the slow frames that are nearest to times along the way; each once."""
-    _need_frames(recording)
-    first_us, last_us = recording.slider.t_us[[0, -1]].tolist()
-    frames = [frame for frame in recording.frames if first_us <= frame.t_us <= last_us]
-    if not frames:
+    slider, frames = recording.slider, recording.frames
+    t_us = np.array([frame.t_us for frame in frames])
+    read = (t_us >= slider.t_us[0]) & (t_us <= slider.t_us[-1])
+    usable = np.flatnonzero(read & (np.abs(slider.speed_mps(t_us)) <= max_speed_mps))
+    if not usable.size:
         raise RigError(
-            f"{recording.folder / FRAMES_TABLE}: found no frame within the readings of the slider, "
-            f"expected some from {first_us:.0f} to {last_us:.0f} us"
+            f"{recording.folder / FRAMES_TABLE}: no frame from {slider.t_us[0]:.0f} to "
+            f"{slider.t_us[-1]:.0f} us, the slider's readings (--max-speed {max_speed_mps:g})"
         )
-    taken_us = np.array([frame.t_us for frame in frames])
-    slow = np.flatnonzero(np.abs(recording.slider.speed_mps(taken_us)) <= max_speed_mps)
-    if not slow.size:
-        raise RigError(
-            f"{recording.folder / FRAMES_TABLE}: found no frame at which the slider has "
-            f"{max_speed_mps:g} m/s or less"
-        )
-    frames, taken_us = [frames[k] for k in slow.tolist()], taken_us[slow]
-    wanted_us = recording.slider.evenly_along(
-        images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps
-    )
+    taken_us = t_us[usable]
+    wanted_us = slider.evenly_along(images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps)
     nearest = np.unique(np.argmin(abs(taken_us[:, None] - wanted_us), axis=0))
-    for k in nearest.tolist():
+    for k in usable[nearest].tolist():
         yield frames[k].t_us, frames[k].codes(recording.camera)
 
 
@@ -154,8 +129,8 @@ class _Integration:
             pixel = later.y.astype(np.int64) * later.width + later.x
             sums = np.bincount(pixel, changes, minlength=self._log_image.size)
             self._log_image += sums.reshape(self._log_image.shape)
-            seen, from_end = np.unique(pixel[::-1], return_index=True)
-            self._last.ravel()[seen] = changes[::-1][from_end]
+            changed, from_end = np.unique(pixel[::-1], return_index=True)
+            self._last.ravel()[changed] = changes[::-1][from_end]
 
     def image(self, t_us: int) -> Float64:
         return self._log_image + 0.5 * self._last
@@ -169,44 +144,20 @@ def _from_events(
     contrast_threshold: float | None,
 ) -> Pictures:
     """Yield images that are made of the events."""
-    camera = recording.camera
-    first_us, last_us = _span(recording)
+    camera, (first_us, last_us) = recording.camera, recording.slider.t_us[[0, -1]].tolist()
+    edges_us = [int(part.t_us[k]) for part in recording.events() if len(part) for k in (0, -1)]
+    first_us, last_us = max(edges_us[0], first_us), min(edges_us[-1], last_us)
     method: VideoMethod
     if source == "hf":
         method = HighPassFilter(camera.width, camera.height, _ANY_THRESHOLD)
     else:
-        _need_frames(recording)
-        thresholds = _thresholds(recording, contrast_threshold)
+        thresholds = thresholds_of(recording.events_file, contrast_threshold)
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
         method = _Integration(np.log(light + DARK_FRACTION), frame.t_us, *thresholds)
         first_us = max(first_us, float(frame.t_us))
-        if not first_us < last_us:
-            raise RigError(
-                f"{recording.folder}: found no events after the first frame, at {frame.t_us} us, "
-                "expected some within the readings of the slider"
-            )
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
     for part in recording.events():
         yield from taker.take(part)
     yield from taker.rest()
-
-
-def _thresholds(recording: RigRecording, given: float | None) -> tuple[float, float]:
-    """Return the given threshold for ON and OFF, or those of the file's sensor."""
-    if given is not None:
-        return given, given
-    model = recording.header.model
-    if model is None:
-        raise RigError(
-            f"{recording.events_file}: found no contrast threshold, expected --threshold C"
-        )
-    return model.contrast_threshold, model.off_threshold
-
-
-def _span(recording: RigRecording) -> tuple[float, float]:
-    """Return the times of the first and the last event, within the slider's readings."""
-    edges_us = [int(part.t_us[k]) for part in recording.events() if len(part) for k in (0, -1)]
-    slider_us = recording.slider.t_us
-    return max(edges_us[0], float(slider_us[0])), min(edges_us[-1], float(slider_us[-1]))

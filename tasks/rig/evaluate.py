@@ -23,6 +23,8 @@ from tasks.rig.cells import in_cells
 from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.places import Window
 from tasks.rig.prints import Print, prints_of
+from tasks.rig.recording import thresholds_of
+from tasks.rig.settings import check_bounds
 from tasks.rig.source import MAX_ITEMS, Crop, CropSource
 from tasks.row import Row
 from tasks.tracking import PATH_S
@@ -46,10 +48,10 @@ class RigEvaluation:
     initial_sigma_mm
         Error of the initial path's control positions, mm.
     contrast_threshold
-        C, log units; by default that of the file of events, if it was simulated.
+        C, log units; by default the simulated sensor's.
     cutoff_hz
-        Cutoff of the photoreceptor that the rows store, Hz; by default that of the file of events,
-        if it was simulated, and inf otherwise. No score depends on it.
+        Cutoff of the photoreceptor that the rows store, Hz; by default the simulated sensor's, or
+        inf for recorded events. No score depends on it.
     """
 
     places: int = 10
@@ -66,13 +68,10 @@ class RigEvaluation:
 
     def __post_init__(self) -> None:
         positive = "places", "features", "travel_m", "initial_sigma_mm", "initial_sigma_px"
-        for name in positive:
-            check_positive(name, getattr(self, name), RigError)
-        for name in ("cutoff_hz", "contrast_threshold"):
+        for name in (*positive, "cutoff_hz", "contrast_threshold"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), RigError)
-        if not self.seed >= 0:
-            raise RigError(f"seed: found {self.seed}, expected at least 0")
+        check_bounds("seed", self.seed, 0)
 
     def tasks(self) -> dict[str, TaskSettings]:
         """Return the settings of each task."""
@@ -113,34 +112,29 @@ def evaluate_rig(
         `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` is the picture, and
         `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
     """
-    if not folders:
-        raise RigError("crops: found no folder, expected those of `eres rig crop`")
     every = {**settings.tasks(), **(tasks or {})}
-    every = {task: one for task, one in every.items() if one.methods}
-    found_in = {one.resolve(): one for folder in folders for one in crops_in(folder)}
+    every = {task: chosen for task, chosen in every.items() if chosen.methods}
+    paths = {path.resolve(): path for folder in folders for path in crops_in(folder)}
     for task in every:
         check_needs(task, folders[0], "a crop", ALL)
-    crops = {one: read_crop(one) for one in found_in.values()}  # each once
+    crops = {path: read_crop(path) for path in paths.values()}  # each once
     prints = prints_of(crops, settings.places, settings.travel_m)
-    found: list[list[Row]] = []
+    recordings: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
         crop = _load(folder, cropped, prints[cropped.scene], settings)
-        try:
-            windows = _windows(crop, settings.travel_m)
-        except RigError as error:
-            raise RigError(f"{folder}: {error}") from None
+        windows = _windows(folder, crop, settings.travel_m)
         rows: list[Row] = []
         for n, window in enumerate(windows):
             rows += rows_of(crop, [window], every)
             on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
         rows += rows_of(crop, windows, every, continuous=True)
-        found.append(rows)
-    if not any(found):
+        recordings.append(rows)
+    if not any(recordings):
         raise RigError(
-            "crops: found nothing to score: no task, no corners in the picture, or windows too "
-            "close to the ends of the slider's readings for tracking"
+            "crops: nothing to score: no task, no corners in the picture, or windows too close to "
+            "the ends of the slider's readings for tracking"
         )
-    return in_cells(found, dict.fromkeys(every, MAX_ITEMS))
+    return in_cells(recordings, dict.fromkeys(every, MAX_ITEMS))
 
 
 def rows_of(
@@ -155,7 +149,7 @@ def rows_of(
     return [
         row
         for task, settings in tasks.items()
-        if any(one.continuous_s for one in settings.plan()) == continuous
+        if any(stretch.continuous_s for stretch in settings.plan()) == continuous
         if continuous or source.covers(settings)
         for row in score_stored(task, source, settings)
     ]
@@ -163,43 +157,31 @@ def rows_of(
 
 def crops_in(folder: Path) -> list[Path]:
     """Return the folders of the crops that `eres rig crop` wrote."""
-    found = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
-    if not found:
-        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
-    return found
+    crops = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
+    if not crops:
+        raise RigError(f"{folder}: holds no crop of `eres rig crop`")
+    return crops
 
 
 def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> Crop:
     if settings.tracking and any(cropped.lens):
         raise RigError(
-            f"{folder / FILE_NAME}: lens: found {cropped.lens}, expected a pinhole for tracking; "
-            "score --tasks flow video"
+            f"{folder / FILE_NAME}: lens: tracking needs no distortion; give --tasks flow video"
         )
     file = folder / EVENTS_NAME
     model = read_header(file).model
-    C = settings.contrast_threshold
-    if C is None:
-        if model is None:
-            raise RigError(f"{file}: found no contrast threshold, expected --threshold C")
-        C = model.contrast_threshold
-    return Crop(
-        cropped,
-        printed.ways[folder],
-        printed,
-        concatenate(list(read_events(file))),
-        C,
-        settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz),
-    )
+    C, _ = thresholds_of(file, settings.contrast_threshold)
+    cutoff_hz = settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz)
+    events = concatenate(list(read_events(file)))
+    return Crop(cropped, printed.ways[folder], printed, events, C, cutoff_hz)
 
 
-def _windows(crop: Crop, travel_m: float) -> list[Window]:
+def _windows(folder: Path, crop: Crop, travel_m: float) -> list[Window]:
     """Return windows of constant speed at the places of the print, in the order of their starts."""
-    found = crop.way.windows(crop.printed.places_m, travel_m)
-    if not found:
-        seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
+    windows = crop.way.windows(crop.printed.places_m, travel_m)
+    if not windows:
         raise RigError(
-            f"{EVENTS_NAME}: found no window of constant speed in {seconds:.3g} s at "
-            f"{len(crop.printed.places_m)} places, expected some of {1e3 * travel_m:g} mm of "
-            "travel; give more places, or less travel"
+            f"{folder}: no place has {1e3 * travel_m:g} mm of constant speed; increase --places or "
+            "reduce --travel"
         )
-    return found
+    return windows

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from eres_render import Camera, Distortion
 from eres_render.errors import check_positive
@@ -47,9 +48,7 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
-            raise RigError(
-                f"board: found {self.columns}x{self.rows} inner corners, expected at least 3x3"
-            )
+            raise RigError(f"board: {self.columns}x{self.rows} inner corners are fewer than 3x3")
         check_positive("square", self.square_m, RigError, "a positive number of meters")
 
     def points_m(self) -> NDArray[np.float32]:
@@ -90,15 +89,13 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     """
     parts = [part for part in read_events(path, size=size) if len(part)]
     if not parts:
-        raise RigError(f"{path}: found no events")
+        raise RigError(f"{path}: no events")
     first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
     taker = ImageTaker(hp, wanted_us)
     images = [image for part in parts for _, image in taker.take(part)]
-    yield gray_codes(np.sum(images, axis=0))
-    for image in images:
-        yield gray_codes(image)
+    yield from map(gray_codes, (np.sum(images, axis=0), *images))
 
 
 def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
@@ -117,12 +114,9 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
     """
     size = gray.shape[1] * _ENLARGED, gray.shape[0] * _ENLARGED
     large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
-    found, points = cv2.findChessboardCornersSB(
-        large, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY
-    )
-    if not found:
-        return None
-    return (points.reshape(-1, 2).astype(np.float64) + 0.5) / _ENLARGED
+    shape = board.columns, board.rows
+    visible, points = cv2.findChessboardCornersSB(large, shape, flags=cv2.CALIB_CB_ACCURACY)
+    return (points.reshape(-1, 2).astype(np.float64) + 0.5) / _ENLARGED if visible else None
 
 
 def calibrate(
@@ -144,8 +138,7 @@ def calibrate(
     """
     if len(views_px) < _MIN_VIEWS:
         raise RigError(
-            f"intrinsics: found the board in {len(views_px)} recordings, expected at least "
-            f"{_MIN_VIEWS} views, tilted against each other"
+            f"intrinsics: {len(views_px)} recordings show the board, but {_MIN_VIEWS} are needed"
         )
     points = [board.points_m()] * len(views_px)
     # OpenCV puts (0, 0) at the center of the first pixel.
@@ -157,18 +150,16 @@ def calibrate(
     except cv2.error as error:
         raise RigError(f"intrinsics: the views give no camera: {error.err}") from error
     k1, k2, p1, p2 = lens.ravel()[:4].tolist()
-    if not (np.all(np.isfinite(K)) and np.isfinite(rms_px)):
-        raise RigError("intrinsics: the views give no camera; tilt the board more")
+    corners_m = board.points_m().astype(np.float64)
     derivatives = [
-        np.asarray(cv2.projectPoints(one.astype(np.float64), turn, place, K, lens)[1], np.float64)
-        for one, turn, place in zip(points, turns, places, strict=True)
+        np.asarray(cv2.projectPoints(corners_m, turn, place, K, lens)[1], np.float64)
+        for turn, place in zip(turns, places, strict=True)
     ]
     sigmas = _sigmas(derivatives, rms_px)
     if not sigmas[0] < _MAX_SIGMA * K[0, 0]:
         raise RigError(
-            f"intrinsics: found a focal length of {K[0, 0]:.4g} px with a standard deviation of "
-            f"{sigmas[0]:.2g} px, expected at most {100 * _MAX_SIGMA:g} %; tilt the board more, "
-            "and differently in each view"
+            f"intrinsics: the focal length is uncertain: {K[0, 0]:.4g} +- {sigmas[0]:.2g} px; tilt "
+            "the board more, and differently in each view"
         )
     camera = Camera(
         width,
@@ -193,11 +184,8 @@ def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
         (2 N, 15) for each view, as `cv2.projectPoints` returns them: by turn, place, camera, lens.
     """
     intrinsic = len(_NAMES)
-    rows = [np.zeros((len(one), intrinsic + 6 * len(derivatives))) for one in derivatives]
-    for k, one in enumerate(derivatives):
-        rows[k][:, :intrinsic] = one[:, 6 : 6 + intrinsic]
-        rows[k][:, intrinsic + 6 * k : intrinsic + 6 * k + 6] = one[:, :6]
-    jacobian = np.concatenate(rows)
+    of_views = np.concatenate([view[:, 6 : 6 + intrinsic] for view in derivatives])
+    jacobian = np.hstack([of_views, block_diag(*(view[:, :6] for view in derivatives))])
     length = np.linalg.norm(jacobian, axis=0)
     if not np.all(length > 0):
         return np.full(intrinsic, np.inf)
@@ -206,8 +194,8 @@ def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
         return np.full(intrinsic, np.inf)
     count, unknowns = jacobian.shape
     variance = rms_px**2 * (count / 2) / max(count - unknowns, 1)
-    found: Float64 = math.sqrt(variance) * np.linalg.norm(half, axis=0)
-    return found[:intrinsic]
+    sigmas: Float64 = math.sqrt(variance) * np.linalg.norm(half, axis=0)
+    return sigmas[:intrinsic]
 
 
 def intrinsics(
@@ -224,21 +212,17 @@ def intrinsics(
     size
         Width and height of the sensor, for files that do not store them.
     """
-    views_px, found_in = [], []
+    views_px: dict[Path, Float64] = {}
     sizes = set()
     for k, path in enumerate(paths):
         sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
-            raise RigError(
-                f"{path}: found a sensor of another size than before, expected the same size"
-            )
+            raise RigError(f"{path}: its sensor differs in size from the recordings before it")
         for gray in board_images(path, size):
             view_px = find_board(gray, board)
             if view_px is not None:
-                views_px.append(view_px)
-                found_in.append(path)
+                views_px[path] = view_px
                 break
         on_progress("looking for the board", k + 1, len(paths))
-    width, height = sizes.pop() if sizes else (0, 0)
-    camera, sigmas, rms_px = calibrate(views_px, board, width, height)
-    return Intrinsics(camera, sigmas, rms_px, tuple(found_in))
+    camera, sigmas, rms_px = calibrate([*views_px.values()], board, *sizes.pop())
+    return Intrinsics(camera, sigmas, rms_px, tuple(views_px))

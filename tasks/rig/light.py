@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from tasks.errors import RigError
 from tasks.footage import Footage
-from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
 from tasks.rig.crop import read_crop, span_of_events
-from tasks.rig.page import read_page_image, reflectance
+from tasks.rig.page import read_print
 from tasks.rig.page_view import page_views
 
 _STEP_PX = 0.5  # motion between two frames of the light
@@ -28,16 +27,11 @@ def light_of_crop(folder: Path) -> Footage:
     cropped = read_crop(folder)
     camera, pose = cropped.camera(), cropped.pose.pose()
     slider = slider_files.read_slider(folder / slider_files.FILE_NAME)
-    page = page_files.read_page(folder / page_files.FILE_NAME)
-    light = reflectance(read_page_image(folder / page_files.IMAGE_NAME, page))
+    page, light = read_print(folder)
     first_us, last_us = span_of_events(folder)
     t_us = np.arange(max(first_us, slider.t_us[0]), min(last_us, slider.t_us[-1]), _STEP_US)
     if len(t_us) < 2:
-        raise RigError(
-            f"{folder}: found events from {first_us} to {last_us} us and readings of the slider "
-            f"from {slider.t_us[0]:.0f} to {slider.t_us[-1]:.0f} us, expected both for "
-            f"{_STEP_US:g} us"
-        )
+        raise RigError(f"{folder}: the events and the slider's readings do not overlap")
     x_m = slider.position_m(t_us)
     # Of points in view: a lens compresses the way of one that leaves the middle of the image.
     at_m = on_page(pose, camera, camera.grid(3), float(x_m.mean()))
@@ -46,7 +40,7 @@ def light_of_crop(folder: Path) -> Footage:
     way = np.abs(np.diff(x_m)).cumsum() * px_per_m / _STEP_PX
     steps = int(way[-1])
     if steps < 2:
-        raise RigError(f"{folder}: found {_STEP_PX * way[-1]:.2g} px of motion, expected some")
+        raise RigError(f"{folder}: the image moves by only {_STEP_PX * way[-1]:.2g} px")
     knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
     length = min(_MAX_STEPS, steps)
     start = int(np.argmin(knots_us[length:] - knots_us[:-length]))

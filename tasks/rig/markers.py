@@ -22,7 +22,6 @@ from tasks.rig.page import markers
 
 Float64 = NDArray[np.float64]
 Source = Literal["frame", "hf", "ei"]
-SOURCES: tuple[Source, ...] = ("frame", "hf", "ei")
 Refinement = Literal["none", "subpix", "contour", "apriltag"]
 
 _METHODS = {
@@ -109,9 +108,7 @@ class Detector:
         parameters.cornerRefinementMethod = method
         finder = cv2.aruco.ArucoDetector(markers(self.dictionary), parameters)
         quads, numbers, _ = finder.detectMarkers(large)
-        if numbers is None or not len(numbers):
-            return np.empty(0, np.int64), np.empty((0, 4, 2)), np.empty(0)
-        number = np.asarray(numbers, np.int64).ravel()
+        number = np.asarray([] if numbers is None else numbers, np.int64).ravel()
         corners = np.asarray(quads, np.float64).reshape(-1, 4, 2)
         known, counts = np.unique(number, return_counts=True)
         once = known[(counts == 1) & (known < self.count)]
@@ -120,7 +117,9 @@ class Detector:
         return once, corners_px, np.array([_contrast(gray, quad) for quad in corners_px])
 
 
-def detector(dictionary: str, count: int, width: int) -> Detector:
+def detector(
+    dictionary: str, count: int, width: int, refinement: Refinement = "contour"
+) -> Detector:
     """Return the detector for images of a given width.
 
     Corners are the intersections of lines fitted to the markers' sides. Images narrower than 640 px
@@ -131,9 +130,7 @@ def detector(dictionary: str, count: int, width: int) -> Detector:
     width
         Width of the images, px.
     """
-    if width < _SMALL_PX:
-        return Detector(dictionary, count, "contour", _ENLARGED)
-    return Detector(dictionary, count, "contour", 1)
+    return Detector(dictionary, count, refinement, _ENLARGED if width < _SMALL_PX else 1)
 
 
 def gray_codes(image: Float64) -> NDArray[np.uint8]:
@@ -151,7 +148,7 @@ def _contrast(gray: NDArray[np.uint8], corners_px: Float64) -> float:
     return float(part.std() / 127.5) if part.size else 0.0
 
 
-def write_detections(path: Path, found: Detections, *, overwrite: bool = True) -> None:
+def write_detections(path: Path, detections: Detections, *, overwrite: bool = True) -> None:
     """Write markers as Parquet, one row for each corner.
 
     The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
@@ -159,16 +156,16 @@ def write_detections(path: Path, found: Detections, *, overwrite: bool = True) -
     import pyarrow as pa  # here, as it loads slowly
     import pyarrow.parquet as pq
 
-    count = len(found.t_us)
+    count = len(detections.t_us)
     table = pa.table(
         {
-            "t_us": pa.array(np.repeat(found.t_us, 4)),
-            "id": pa.array(np.repeat(found.number, 4)),
-            "corner": pa.array(np.tile(np.arange(4, dtype=np.int64), count)),
-            "u_px": pa.array(found.corners_px[..., 0].ravel()),
-            "v_px": pa.array(found.corners_px[..., 1].ravel()),
-            "score": pa.array(np.repeat(found.score, 4)),
-            "source": pa.array([found.source] * (4 * count), pa.string()),
+            "t_us": np.repeat(detections.t_us, 4),
+            "id": np.repeat(detections.number, 4),
+            "corner": np.tile(np.arange(4), count),
+            "u_px": detections.corners_px[..., 0].ravel(),
+            "v_px": detections.corners_px[..., 1].ravel(),
+            "score": np.repeat(detections.score, 4),
+            "source": pa.array([detections.source] * (4 * count), pa.string()),
         }
     )
     data = pa.BufferOutputStream()
@@ -181,29 +178,17 @@ def read_detections(path: Path) -> Detections:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    names = ("t_us", "id", "corner", "u_px", "v_px", "score", "source")
-    if not path.exists():
-        raise RigError(f"{path}: no such file; `eres rig detect` makes it")
+    names = ["t_us", "id", "u_px", "v_px", "score", "source"]
     with reading(path, "a file of `eres rig detect`", RigError):
         data = path.read_bytes()
         file = pq.ParquetFile(pa.BufferReader(data))
         check_growth(8 * file.metadata.num_rows * file.metadata.num_columns, len(data))
-        table = file.read(columns=list(names))
-        columns = {name: table[name].to_numpy() for name in names}
-    whole = len(table) % 4 == 0 and np.array_equal(
-        columns["corner"], np.tile(np.arange(4), len(table) // 4)
-    )
-    sources = set(columns["source"].tolist())
-    if not whole or not sources <= set(SOURCES) or len(sources) > 1:
-        raise RigError(
-            f"{path}: not a file of `eres rig detect`: expected four corners of each marker, and "
-            "one source"
+        table = file.read(columns=names)
+        t_us, numbers, u_px, v_px, scores, sources = (table[name].to_numpy() for name in names)
+        return Detections(
+            t_us=t_us[::4].astype(np.int64),
+            number=numbers[::4].astype(np.int64),
+            corners_px=np.stack([u_px, v_px], axis=-1).reshape(-1, 4, 2).astype(np.float64),
+            score=scores[::4].astype(np.float64),
+            source=sources[0],
         )
-    source: Source = next(iter(sources)) if sources else "frame"
-    return Detections(
-        t_us=columns["t_us"][::4].astype(np.int64),
-        number=columns["id"][::4].astype(np.int64),
-        corners_px=np.stack([columns["u_px"], columns["v_px"]], axis=-1).reshape(-1, 4, 2),
-        score=columns["score"][::4].astype(np.float64),
-        source=source,
-    )

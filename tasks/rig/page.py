@@ -6,6 +6,7 @@ import io
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -79,9 +80,7 @@ def markers(dictionary: str) -> cv2.aruco.Dictionary:
     """Return OpenCV's dictionary of markers of a given name."""
     number = getattr(cv2.aruco, dictionary, None) if dictionary.startswith("DICT_") else None
     if number is None:
-        raise RigError(
-            f"dictionary: found {dictionary!r}, expected one of OpenCV's, such as DICT_4X4_250"
-        )
+        raise RigError(f"dictionary: OpenCV has no {dictionary!r}; use DICT_4X4_250, for example")
     return cv2.aruco.getPredefinedDictionary(number)
 
 
@@ -90,8 +89,8 @@ def lay_out(settings: PageSettings) -> Page:
 
     Returns
     -------
-    The page. A marker's cells are a whole number of dots, so its side differs from that of the
-    settings by up to half a dot per cell.
+    The page. A marker's cells are whole dots, so its side differs from the settings by up to half a
+    dot per cell.
     """
     dictionary = markers(settings.dictionary)
     dot_m = INCH_M / settings.dpi
@@ -99,23 +98,21 @@ def lay_out(settings: PageSettings) -> Page:
     longest = max(settings.width_m, settings.height_m) / dot_m
     if not longest <= _MAX_SIDE:
         raise RigError(
-            f"page: found a side of {longest:.6g} dots, expected at most {_MAX_SIDE}; choose a "
-            "lower dpi or a smaller page"
+            f"page: its side of {longest:.6g} dots is longer than {_MAX_SIDE}; reduce dpi or size"
         )
-    width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
+    width, height = _dots(settings.width_m, dot_m), _dots(settings.height_m, dot_m)
     side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
     pitch = max(_dots(settings.marker_pitch_m, dot_m), round((1 + _WHITE) * side))
-    picture_w, picture_h = (
-        _dots(s, dot_m) for s in (settings.picture_width_m, settings.picture_height_m)
-    )
+    picture_w = _dots(settings.picture_width_m, dot_m)
+    picture_h = _dots(settings.picture_height_m, dot_m)
     left, top = (width - picture_w) // 2, (height - picture_h) // 2
     right, bottom = left + picture_w, top + picture_h
     white = round(_WHITE * side)
     # Rows above and below the picture start next to it, so that a near camera sees them too.
-    columns = _places(width, side, pitch, white)
+    columns = _centered(white, width - white, side, pitch)
     above = np.arange(top - white - side, white - 1, -pitch)[::-1]
     below = np.arange(bottom + white, height - side - white + 1, pitch)
-    between = _places_between(top, bottom, side, pitch)
+    between = _centered(top, bottom, side, pitch)
     rows = [(y, columns) for y in (*above, *below)]
     outside = columns[(columns + side + white <= left) | (columns >= right + white)]
     rows += [(y, outside) for y in between]
@@ -141,15 +138,8 @@ def _dots(length_m: float, dot_m: float) -> int:
     return round(length_m / dot_m)
 
 
-def _places(length: int, side: int, pitch: int, white: int) -> NDArray[np.intp]:
-    """Return the starts of as many markers as fit along a side of the page, centered."""
-    count = max((length - side - 2 * white) // pitch + 1, 0)
-    start = (length - (count - 1) * pitch - side) // 2
-    return start + pitch * np.arange(count)
-
-
-def _places_between(low: int, high: int, side: int, pitch: int) -> NDArray[np.intp]:
-    """Return the starts of as many markers as fit along the picture's height, centered."""
+def _centered(low: int, high: int, side: int, pitch: int) -> NDArray[np.intp]:
+    """Return the starts of as many markers as fit between two positions, centered."""
     count = max((high - low - side) // pitch + 1, 0)
     start = (low + high - (count - 1) * pitch - side) // 2
     return start + pitch * np.arange(count)
@@ -170,7 +160,7 @@ def draw(page: Page, settings: PageSettings, folder: Path) -> NDArray[np.uint8]:
     side = _dots(page.marker_m, page.dot_m)
     dictionary = markers(page.dictionary)
     for number, place in enumerate(page.markers_m):
-        x, y = (_dots(one, page.dot_m) for one in place)
+        x, y = (_dots(edge, page.dot_m) for edge in place)
         code = cv2.aruco.generateImageMarker(dictionary, number, side, borderBits=_BORDER_CELLS)
         image[y : y + side, x : x + side] = np.where(code > 0, 1.0, INK / PAPER)
     return np.round(255 * to_srgb(image)).astype(np.uint8)
@@ -186,16 +176,10 @@ def _picture(
         light = recipe.make()
     else:
         file = folder / settings.picture
-        with reading(file, "an image", RigError):
-            codes = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
-        if codes is None:
-            raise RigError(
-                f"{folder}: picture: found no image {settings.picture!r} beside rig.toml, expected "
-                f"one, or {', '.join(PICTURES)}"
-            )
-        light = cv2.resize(
-            linear(np.asarray(codes, np.uint8)), shape[::-1], interpolation=cv2.INTER_AREA
-        ).astype(np.float32)
+        if not file.is_file():
+            raise RigError(f"{file}: no such image; built-in pictures are {', '.join(PICTURES)}")
+        codes = linear(read_gray(file))
+        light = cv2.resize(codes, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
     return np.clip(light / max(float(np.percentile(light, 99.9)), 1e-6), INK / PAPER, 1.0)
 
 
@@ -212,7 +196,7 @@ def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
 def check_print(path: Path) -> None:
     """Refuse the name of a print that is neither .png nor .pdf."""
     if path.suffix not in (".pdf", ".png"):
-        raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
+        raise RigError(f"{path}: expected a name that ends in .pdf or .png")
 
 
 def write_print(
@@ -237,7 +221,12 @@ def write_print(
 
 def write_page(path: Path, page: Page, *, overwrite: bool = True) -> None:
     """Write page.json."""
-    write_text(path, json.dumps(asdict(page), indent=1) + "\n", overwrite=overwrite)
+    write_json(path, page, overwrite=overwrite)
+
+
+def write_json(path: Path, table: Any, *, overwrite: bool = True) -> None:
+    """Write the fields of a dataclass as JSON."""
+    write_text(path, json.dumps(asdict(table), indent=1) + "\n", overwrite=overwrite)
 
 
 def read_page(path: Path) -> Page:
@@ -252,11 +241,22 @@ def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
     -------
     (H, W) image, as `draw` returns it.
     """
+    return read_gray(path, (_dots(page.width_m, page.dot_m), _dots(page.height_m, page.dot_m)))
+
+
+def read_print(folder: Path) -> tuple[Page, Float64]:
+    """Read the page in a folder, and its reflectance, (H, W)."""
+    page = read_page(folder / FILE_NAME)
+    return page, reflectance(read_page_image(folder / IMAGE_NAME, page))
+
+
+def read_gray(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Read the gray codes of an image, (H, W), which must have the width and height `size`."""
     with reading(path, "an image", RigError):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise RigError(f"{path}: cannot be read, expected the image that `eres rig page` wrote")
-    shape = _dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)
-    if image.shape != shape:
-        raise RigError(f"{path}: found {image.shape[::-1]} px, expected {shape[::-1]}, the page's")
+        raise RigError(f"{path}: cannot be read as an image")
+    height, width = image.shape
+    if size is not None and size != (width, height):
+        raise RigError(f"{path}: found {width}x{height} px, expected {size[0]}x{size[1]}")
     return np.asarray(image, np.uint8)

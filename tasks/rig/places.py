@@ -74,14 +74,11 @@ class Way:
         first_us = max(self.first_us, math.ceil(t_us[0]))
         last_us = min(self.last_us, math.floor(t_us[-1]))
         if first_us >= last_us:
-            raise RigError(
-                f"slider: found readings from {t_us[0]:.0f} to {t_us[-1]:.0f} us and events from "
-                f"{self.first_us} to {self.last_us} us, expected both at the same time"
-            )
+            raise RigError("slider: the readings do not overlap the events")
         inside = x_m[(t_us >= first_us) & (t_us <= last_us)]
         x = [*self.slider.position_m([first_us, last_us]).tolist(), *inside.tolist()]
         if min(x) == max(x):
-            raise RigError(f"slider: found the carriage at {x[0]:g} m alone, expected motion")
+            raise RigError(f"slider: the carriage stays at {x[0]:g} m")
         object.__setattr__(self, "first_us", first_us)
         object.__setattr__(self, "last_us", last_us)
         object.__setattr__(self, "_reached_m", (min(x), max(x)))
@@ -124,7 +121,7 @@ class Way:
         moves_m = np.abs(np.diff(self.slider.x_m))
         step = float(moves_m[moves_m > 0].min()) / (2 * half_m)
         uneven_m = 2 * half_m * min(max(step, _EVEN), _EVEN_IN_STEPS)
-        found: list[Window] = []
+        windows: list[Window] = []
         for place, middle_m in enumerate(self.slider_m(places_m).tolist()):
             passed: Counter[bool] = Counter()
             for start, end, rises in _passes(self.slider, middle_m - half_m, middle_m + half_m):
@@ -137,8 +134,8 @@ class Way:
                 x = self.slider.position_m(np.linspace(start_us, end_us, _CHECKED))
                 if np.max(np.abs(x - np.linspace(x[0], x[-1], _CHECKED))) < uneven_m:
                     at = float(x[0]), float(x[-1])
-                    found.append(Window(place, visit, start_us, end_us, at))
-        return sorted(found, key=lambda one: one.start_us)
+                    windows.append(Window(place, visit, start_us, end_us, at))
+        return sorted(windows, key=lambda window: window.start_us)
 
 
 def _passes(slider: Slider, low_m: float, high_m: float) -> list[tuple[float, float, bool]]:

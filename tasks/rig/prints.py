@@ -17,12 +17,11 @@ from eres_render import Camera
 from eres_render.errors import reading
 from tasks.errors import RigError
 from tasks.flow import MARGIN_PX, REFERENCE_WIDTH_PX, corners
-from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.calibration import on_page
 from tasks.rig.crop import Cropped, span_of_events
-from tasks.rig.page import Page, read_page_image, reflectance
-from tasks.rig.page_view import page_view
+from tasks.rig.page import Page, read_print
+from tasks.rig.page_view import page_views
 from tasks.rig.places import Way
 
 Float64 = NDArray[np.float64]
@@ -62,16 +61,15 @@ class Print:
             camera, pose = self.nearest.camera(), self.nearest.pose.pose()
             margin_px = MARGIN_PX * camera.width / REFERENCE_WIDTH_PX
             x_m = float(self.way.slider_m(self.places_m[place]))
-            view = page_view(camera, pose, x_m, self.page, self.light)
-            found_px = corners(view, margin_px)
-            points_m = on_page(pose, camera, found_px, x_m)
+            view = page_views(camera, pose, self.page, self.light)(x_m)
+            points_m = on_page(pose, camera, corners(view, margin_px), x_m)
             left, top, right, bottom = self.page.picture_m
             x, y = points_m.T
-            kept = (x > left) & (x < right) & (y > top) & (y < bottom)
+            inside = (x > left) & (x < right) & (y > top) & (y < bottom)
             for side in (-1, 1):
                 at_m = x_m + side * 0.5 * self.travel_m / pose.scale
-                kept &= are_inside(camera, pose.project(camera, points_m, at_m), margin_px)
-            self._corners_m[place] = points_m[kept]
+                inside &= are_inside(camera, pose.project(camera, points_m, at_m), margin_px)
+            self._corners_m[place] = points_m[inside]
         return self._corners_m[place]
 
 
@@ -111,28 +109,25 @@ def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> di
 
 
 def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: float) -> Print:
-    folder = max(crops, key=lambda one: crops[one].width)  # of the field that all of them show
-    page, codes = _page_of(folder)
+    folder = max(crops, key=lambda path: crops[path].width)  # of the field that all of them show
+    page, light = read_print(folder)
     field_m = _field_m(crops[folder])
-    for other in [one for one in crops if one != folder]:
-        other_page, other_codes = _page_of(other)
-        if other_page != page or not np.array_equal(other_codes, codes):
+    for other in [path for path in crops if path != folder]:
+        other_page, other_light = read_print(other)
+        if other_page != page or not np.array_equal(other_light, light):
             raise RigError(
-                f"{other}: found another page with the picture {scene} than in {folder}, expected "
-                "the same; evaluate different prints one by one, into folders of their own"
+                f"{other}: its page differs from that of {folder}; evaluate each print separately"
             )
         other_field_m = _field_m(crops[other])
         if not 1 / _SAME_FIELD < other_field_m / field_m < _SAME_FIELD:
             raise RigError(
-                f"{other}: found a field of {1e3 * other_field_m:.3g} mm, and one of "
-                f"{1e3 * field_m:.3g} mm in {folder}, expected the same; crop all recordings of a "
-                "print with one `eres rig crop`"
+                f"{other}: its field is {1e3 * other_field_m:.3g} mm wide, that of {folder} "
+                f"{1e3 * field_m:.3g} mm; crop all recordings of a print with one `eres rig crop`"
             )
     direction = crops[folder].pose.pose().direction[:2]
     along = direction / np.linalg.norm(direction)
-    ways = {one: _way_of(one, cropped, along) for one, cropped in crops.items()}
+    ways = {path: _way_of(path, cropped, along) for path, cropped in crops.items()}
     places_m = _evenly(scene, ways, places, travel_m)
-    light = reflectance(codes)
     return Print(page, light, crops[folder], ways, ways[folder], travel_m, places_m)
 
 
@@ -142,11 +137,6 @@ def _field_m(cropped: Cropped) -> float:
     ends_px = np.array([[0.0, middle], [cropped.width, middle]])
     left, right = on_page(cropped.pose.pose(), cropped.camera(), ends_px, 0.0)
     return float(np.linalg.norm(right - left))
-
-
-def _page_of(folder: Path) -> tuple[Page, NDArray[np.uint8]]:
-    page = page_files.read_page(folder / page_files.FILE_NAME)
-    return page, read_page_image(folder / page_files.IMAGE_NAME, page)
 
 
 def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
@@ -164,12 +154,10 @@ def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) 
     shared_m = max(0.0, last_m - first_m)
     most = int(shared_m / travel_m * (1 - 1e-9))  # the first window begins after the first reading
     if places > most:
-        length_m = {folder: last - first for folder, (first, last) in spans_m.items()}
-        shortest = min(length_m, key=lambda one: length_m[one])
+        length_m, shortest = min((last - first, path) for path, (first, last) in spans_m.items())
         raise RigError(
-            f"evaluate: {scene}: found {places} places with a window of {1e3 * travel_m:g} mm on "
-            f"the {1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes "
-            f"{1e3 * length_m[shortest]:.3g} mm), expected "
-            + (f"at most {most} places" if most else "less travel in a window")
+            f"evaluate: {scene}: there is room for {most} windows of {1e3 * travel_m:g} mm on the "
+            f"{1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes "
+            f"{1e3 * length_m:.3g} mm), not for {places}; reduce --places or --travel"
         )
     return np.asarray(first_m + (np.arange(places) + 0.5) / places * shared_m)

@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera
-from eres_render.errors import reading
 from sensor import Events
 from sensor.formats import FORMATS, Header, read_events, read_header, read_triggers
-from tasks.errors import RigError, TaskError
+from tasks.errors import RigError
 from tasks.exposures import FILE_NAME, Exposure, read_exposures, write_exposures
 from tasks.rig import clock
 from tasks.rig import page as page_files
@@ -60,16 +58,7 @@ class Frame:
 
     def codes(self, camera: Camera) -> NDArray[np.uint8]:
         """Read the image, (H, W)."""
-        with reading(self.file, "an image", RigError):
-            image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise RigError(f"{self.file}: cannot be read, expected an image")
-        if image.shape != (camera.height, camera.width):
-            raise RigError(
-                f"{self.file}: found {image.shape[1]}x{image.shape[0]} px, expected "
-                f"{camera.width}x{camera.height}, the camera of {rig_files.FILE_NAME}"
-            )
-        return np.asarray(image, np.uint8)
+        return page_files.read_gray(self.file, (camera.width, camera.height))
 
 
 @dataclass(frozen=True)
@@ -105,43 +94,42 @@ class RigRecording:
     @cached_property
     def events_file(self) -> Path:
         """The file of events."""
-        suffixes = {suffix for one in FORMATS.values() for suffix in one.suffixes}
-        files = sorted(self.folder.glob("events.*"))
-        found = [file for file in files if file.suffix.lower() in suffixes]
-        if len(found) != 1:
-            names = ", ".join(file.name for file in found) or "none"
-            raise RigError(f"{self.folder}: found {names}, expected one file events.*")
-        return found[0]
+        suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
+        files = [
+            file for file in sorted(self.folder.glob("events.*")) if file.suffix.lower() in suffixes
+        ]
+        if len(files) != 1:
+            names = ", ".join(file.name for file in files) or "none"
+            raise RigError(f"{self.folder}: expected one file events.*, found {names}")
+        return files[0]
 
     @cached_property
     def header(self) -> Header:
         """The header of the file of events."""
         header = read_header(self.events_file)
-        width, height = self.camera.width, self.camera.height
-        stored = header.width is not None
-        if stored and (header.width, header.height) != (width, height):
+        camera = self.camera
+        if header.width and (header.width, header.height) != (camera.width, camera.height):
             raise RigError(
-                f"{self.events_file}: found events of {header.width}x{header.height} px, expected "
-                f"{width}x{height}, the camera of {rig_files.FILE_NAME}"
+                f"{self.events_file}: the sensor has {header.width}x{header.height} px, the camera "
+                f"of {rig_files.FILE_NAME} {camera.width}x{camera.height}"
             )
         return header
 
     def events(self) -> Iterator[Events]:
         """Read the events in parts, and check that their times overlap the slider's."""
         size = None if self.header.width is not None else (self.camera.width, self.camera.height)
-        first_us = last_us = None
+        ends_us: list[int] = []
         for part in read_events(self.events_file, size=size):
             if len(part):
-                first_us = int(part.t_us[0]) if first_us is None else first_us
-                last_us = int(part.t_us[-1])
+                ends_us = [*ends_us[:1], int(part.t_us[0]), int(part.t_us[-1])]
             yield part
-        if first_us is None or last_us is None:
-            raise RigError(f"{self.events_file}: found no events")
+        if not ends_us:
+            raise RigError(f"{self.events_file}: no events")
         start_us, end_us = self.slider.t_us[[0, -1]].tolist()
-        if last_us <= start_us or first_us >= end_us:
+        if ends_us[-1] <= start_us or ends_us[0] >= end_us:
             raise RigError(
-                f"{self.folder}: the clocks disagree: found events from {first_us} to {last_us} "
-                f"us, and readings of the slider from {start_us:.0f} to {end_us:.0f} us"
+                f"{self.folder}: the clocks disagree: the events are from {ends_us[0]} to "
+                f"{ends_us[-1]} us, the slider's readings from {start_us:.0f} to {end_us:.0f} us"
             )
 
     @cached_property
@@ -149,11 +137,10 @@ class RigRecording:
         """The images of the frame camera, in order of time; none without frames.csv."""
         if not (self.folder / FILE_NAME).exists():
             return ()
-        try:
-            found = read_exposures(self.folder)
-        except TaskError as error:
-            raise RigError(str(error)) from None
-        frames = [Frame(one.start_us, one.end_us, self._image(one.file)) for one in found]
+        exposures = read_exposures(self.folder)
+        frames = [
+            Frame(start_us, end_us, self._image(name)) for start_us, end_us, name in exposures
+        ]
         return tuple(sorted(frames, key=lambda frame: frame.t_us))
 
     def _image(self, name: str) -> Path:
@@ -162,17 +149,27 @@ class RigRecording:
         return listed if listed.exists() else self.folder / FRAMES_FOLDER / name
 
 
+def thresholds_of(file: Path, given: float | None) -> tuple[float, float]:
+    """Return the given contrast threshold for ON and OFF, or those of a file's sensor."""
+    if given is not None:
+        return given, given
+    model = read_header(file).model
+    if model is None:
+        raise RigError(f"{file}: the contrast threshold is unknown; give --threshold")
+    return model.contrast_threshold, model.off_threshold
+
+
 def write_frames_table(folder: Path, frames: list[Frame]) -> None:
     """Write frames.csv into the folder of a recording."""
-    images = (f"{FRAMES_FOLDER}/{one.file.name}" for one in frames)  # from the table, as elsewhere
-    times = ((one.t_start_us, one.t_end_us) for one in frames)
-    write_exposures(folder, (Exposure(*at, one) for at, one in zip(times, images, strict=True)))
+    exposures = (
+        Exposure(frame.t_start_us, frame.t_end_us, f"{FRAMES_FOLDER}/{frame.file.name}")
+        for frame in frames
+    )
+    write_exposures(folder, exposures)
 
 
 def open_rig_recording(folder: Path) -> RigRecording:
     """Open the folder of a recording."""
-    if not folder.is_dir():
-        raise RigError(f"{folder}: found no folder, expected that of a recording")
     recording = RigRecording(folder)
     _ = recording.settings, recording.page, recording.slider
     return recording

@@ -19,12 +19,19 @@ _MIN_DPI, _MAX_DPI = 350.0, 4800.0
 _OF_A_RECORDING = ("page.png", "page.json", "rig.toml", "slider.csv", "truth.json", "frames.csv")
 
 
+def check_bounds(name: str, value: float, low: float, high: float = math.inf) -> None:
+    """Refuse a number outside its bounds, which belong to the range."""
+    if not low <= value <= high:
+        limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+        raise RigError(f"{name}: found {value}, expected {limits}")
+
+
 def _check_beside(field: str, name: str) -> None:
     """Refuse a file elsewhere than beside rig.toml, as a recording has a copy of both."""
-    if Path(name).name != name:
-        raise RigError(f"{field}: found {name!r}, expected the name of a file beside rig.toml")
-    if name in _OF_A_RECORDING:
-        raise RigError(f"{field}: found {name!r}, expected another name, as a recording has it")
+    if Path(name).name != name or name in _OF_A_RECORDING:
+        raise RigError(
+            f"{field}: found {name!r}, expected the name of another file beside rig.toml"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,29 +71,14 @@ class PageSettings:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("width_m", "height_m", "picture_width_m", "picture_height_m", "marker_m"):
+        for name in ("width_m", "height_m", "marker_m", "dpi"):
             check_positive(name, getattr(self, name), RigError)
-        for side in ("width", "height"):
-            page, picture = getattr(self, f"{side}_m"), getattr(self, f"picture_{side}_m")
-            if not picture <= page:
-                raise RigError(
-                    f"picture_{side}_m: found {picture}, expected at most {page}, the page's"
-                )
-        if not self.marker_pitch_m >= 1.25 * self.marker_m:
-            raise RigError(
-                f"marker_pitch_m: found {self.marker_pitch_m}, expected at least 1.25 marker_m = "
-                f"{1.25 * self.marker_m:g}, for the white around each marker"
-            )
-        if not _MIN_DPI <= self.dpi <= _MAX_DPI:
-            raise RigError(f"dpi: found {self.dpi}, expected {_MIN_DPI:g} to {_MAX_DPI:g}")
-        for name in ("picture_width_m", "picture_height_m"):
-            if getattr(self, name) * self.dpi < INCH_M:
-                raise RigError(
-                    f"{name}: found {getattr(self, name)}, expected at least one dot, "
-                    f"{INCH_M / self.dpi:.2g} m"
-                )
-        if self.seed < 0:
-            raise RigError(f"seed: found {self.seed}, expected at least 0")
+        dot_m = INCH_M / self.dpi
+        check_bounds("dpi", self.dpi, _MIN_DPI, _MAX_DPI)
+        check_bounds("picture_width_m", self.picture_width_m, dot_m, self.width_m)
+        check_bounds("picture_height_m", self.picture_height_m, dot_m, self.height_m)
+        check_bounds("marker_pitch_m", self.marker_pitch_m, 1.25 * self.marker_m)
+        check_bounds("seed", self.seed, 0)
         _check_beside("picture", self.picture)
 
 
@@ -117,14 +109,12 @@ class SliderSettings:
     def __post_init__(self) -> None:
         for name in ("travel_m", "acceleration_mps2", "pause_s"):
             check_positive(name, getattr(self, name), RigError)
-        if not self.speeds_mps or not all(0 < speed < math.inf for speed in self.speeds_mps):
-            raise RigError(f"speeds_mps: found {self.speeds_mps}, expected positive numbers")
-        for speed in self.speeds_mps:
-            if speed > math.sqrt(self.travel_m * self.acceleration_mps2):
-                raise RigError(
-                    f"speeds_mps: found {speed}, which acceleration_mps2 = "
-                    f"{self.acceleration_mps2:g} does not reach within travel_m = {self.travel_m:g}"
-                )
+        fastest = math.sqrt(self.travel_m * self.acceleration_mps2)
+        if not self.speeds_mps or not all(0 < speed <= fastest for speed in self.speeds_mps):
+            raise RigError(
+                f"speeds_mps: found {self.speeds_mps}, expected 0 to {fastest:.3g} m/s, the limit "
+                "of acceleration_mps2 and travel_m"
+            )
         if not math.hypot(*self.direction) > 0:
             raise RigError(f"direction: found {self.direction}, expected a vector that is not 0")
 
@@ -162,12 +152,11 @@ class RigCamera:
     k3: float = 0.0
 
     def __post_init__(self) -> None:
-        pair = self.pitch_um, self.focal_mm
-        if (self.fx is None) == (None in pair) or (None in pair and pair != (None, None)):
-            raise RigError("camera: expected either fx, or both pitch_um and focal_mm")
-        for name in ("pitch_um", "focal_mm"):
-            if (value := getattr(self, name)) is not None:
-                check_positive(name, value, RigError)
+        given = [name for name in ("fx", "pitch_um", "focal_mm") if getattr(self, name) is not None]
+        if given not in (["fx"], ["pitch_um", "focal_mm"]):
+            raise RigError("camera: give either fx, or both pitch_um and focal_mm")
+        for name in given:
+            check_positive(name, getattr(self, name), RigError)
         self.camera()
 
     def camera(self) -> Camera:
@@ -176,14 +165,8 @@ class RigCamera:
         if self.pitch_um is not None and self.focal_mm is not None:
             fx = 1e3 * self.focal_mm / self.pitch_um
         lens = Distortion(self.k1, self.k2, self.p1, self.p2, self.k3)
-        return Camera(
-            *(self.width, self.height),
-            fx=fx,
-            fy=self.fy,
-            cx=self.cx,
-            cy=self.cy,
-            distortion=lens,
-        )
+        size = self.width, self.height
+        return Camera(*size, fx=fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=lens)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,8 +179,8 @@ class MountSettings:
         Point of the page, from its top left corner, that the camera faces in the middle of a
         stroke, m; by default the middle of the page.
     turn_deg
-        Rotation of the camera about its own axes (right, down, forward), in degrees, from one that
-        faces the page.
+        Rotation of the camera about its own axes (right, down, forward), in degrees, from facing
+        the page.
     """
 
     middle_m: tuple[float, float] | None = None
@@ -229,7 +212,7 @@ class RigSettings:
 
     def __post_init__(self) -> None:
         if (self.camera is None) == (self.camera_file is None):
-            raise RigError("expected either camera or camera_file")
+            raise RigError("give either camera or camera_file")
         if self.camera_file is not None:
             _check_beside("camera_file", self.camera_file)
 

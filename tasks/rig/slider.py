@@ -39,8 +39,8 @@ class Slider:
     --------
     >>> import numpy as np
     >>> from tasks.rig.slider import Slider
-    >>> there = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.2]))
-    >>> float(there.position_m(250_000.0)), float(there.speed_mps(250_000.0))
+    >>> slider = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.2]))
+    >>> float(slider.position_m(250_000.0)), float(slider.speed_mps(250_000.0))
     (0.05, 0.2)
     """
 
@@ -48,15 +48,14 @@ class Slider:
     x_m: Float64
 
     def __post_init__(self) -> None:
-        if len(self.t_us) < 2 or self.t_us.shape != self.x_m.shape:
+        if len(self.t_us) < 2:
             raise RigError(f"slider: found {len(self.t_us)} readings, expected two or more")
-        if not (np.all(np.isfinite(self.t_us)) and np.all(np.isfinite(self.x_m))):
-            raise RigError("slider: found a reading that is not finite")
-        back = np.flatnonzero(np.diff(self.t_us) <= 0)
-        if back.size:
+        finite = np.isfinite(self.t_us) & np.isfinite(self.x_m)
+        wrong = np.flatnonzero(~finite | ~(np.diff(self.t_us, prepend=-np.inf) > 0))
+        if wrong.size:
             raise RigError(
-                f"slider: t_us: found {self.t_us[back[0] + 1]:g} after {self.t_us[back[0]]:g}, "
-                "expected increasing times"
+                f"slider: reading {wrong[0] + 1}, {self.x_m[wrong[0]]:g} m at "
+                f"{self.t_us[wrong[0]]:g} us, is not finite or not later than the reading before it"
             )
 
     def position_m(self, t_us: ArrayLike) -> Float64:
@@ -64,8 +63,8 @@ class Slider:
         t = np.asarray(t_us, dtype=np.float64)
         if t.size and not (t.min() >= self.t_us[0] and t.max() <= self.t_us[-1]):
             raise RigError(
-                f"slider: found readings from {self.t_us[0]:.0f} to {self.t_us[-1]:.0f} us, "
-                f"expected {t.min():.0f} to {t.max():.0f} us; do the two clocks agree?"
+                f"slider: the readings, from {self.t_us[0]:.0f} to {self.t_us[-1]:.0f} us, do not "
+                f"cover {t.min():.0f} to {t.max():.0f} us; do the two clocks agree?"
             )
         return np.interp(t, self.t_us, self.x_m)
 
@@ -88,9 +87,8 @@ class Slider:
         if gaps.size:
             worst = gaps[np.argmax(steps_us[gaps])]
             raise RigError(
-                f"slider: found no reading from {self.t_us[worst]:.0f} to "
-                f"{self.t_us[worst + 1]:.0f} us while it moved, expected one every "
-                f"{usual_us:.0f} us"
+                f"slider: it moved without readings from {self.t_us[worst]:.0f} to "
+                f"{self.t_us[worst + 1]:.0f} us; usually there is one every {usual_us:.0f} us"
             )
 
     def evenly_along(
@@ -117,8 +115,8 @@ class Slider:
         way = np.concatenate([[0.0], np.cumsum(np.where(moves, speed * np.diff(t), 0.0))])
         if not way[-1] > 0:
             raise RigError(
-                f"slider: found no motion from {start_us:.0f} to {end_us:.0f} us, expected some"
-                + ("" if np.isinf(max_speed_mps) else f" of at most {max_speed_mps:g} m/s")
+                f"slider: no motion from {start_us:.0f} to {end_us:.0f} us "
+                f"(--max-speed {max_speed_mps:g})"
             )
         wanted = (np.arange(count) + 0.5) / count * way[-1]
         return np.round(np.interp(wanted, way, t)).astype(np.int64)
@@ -144,21 +142,18 @@ def read_columns(
     file: Path, names: tuple[str, ...], *, optional: tuple[str, ...] = ()
 ) -> dict[str, list[str]]:
     """Read named columns of a CSV file."""
-    with (
-        reading(file, "CSV", RigError),
-        file.open(newline="", encoding="utf-8-sig") as opened,
-    ):
+    with reading(file, "CSV", RigError), file.open(newline="", encoding="utf-8-sig") as opened:
         table = csv.DictReader(opened)
-        found = [name.strip() for name in table.fieldnames or ()]
-        table.fieldnames = found
+        columns = [name.strip() for name in table.fieldnames or ()]
+        table.fieldnames = columns
         lines = list(table)
-    names = (*names, *(name for name in optional if name in found))
+    names = (*names, *(name for name in optional if name in columns))
     for name in names:
-        if name not in found:
-            raise RigError(f"{file}: {name}: no such column, found {', '.join(found) or 'none'}")
+        if name not in columns:
+            raise RigError(f"{file}: no column {name}; there are {', '.join(columns) or 'none'}")
         for number, line in enumerate(lines, start=2):
             if not (line[name] or "").strip():
-                raise RigError(f"{file}, line {number}: {name}: found no value")
+                raise RigError(f"{file}, line {number}: {name}: no value")
     return {name: [line[name].strip() for line in lines] for name in names}
 
 
@@ -171,28 +166,19 @@ def strokes(settings: SliderSettings) -> Slider:
         Starts at 0 s and 0 m, with a reading every 0.5 ms and at each change of the acceleration,
         at whole microseconds.
     """
-    corners_s, accelerations = [0.0], []
-    rest_s = settings.pause_s
-
-    def add(duration_s: float, acceleration: float) -> None:
-        corners_s.append(corners_s[-1] + duration_s)
-        accelerations.append(acceleration)
-
+    rest = settings.pause_s, 0.0
+    pieces = []  # durations and accelerations
     for speed in settings.speeds_mps:
         ramp_s = speed / settings.acceleration_mps2
-        even_s = settings.travel_m / speed - ramp_s
-        for sign in (1.0, -1.0):
-            push = sign * settings.acceleration_mps2
-            add(rest_s, 0.0)
-            add(ramp_s, push)
-            add(even_s, 0.0)
-            add(ramp_s, -push)
-    add(rest_s, 0.0)
-    edges = np.array(corners_s)
+        even = settings.travel_m / speed - ramp_s, 0.0
+        for push in (settings.acceleration_mps2, -settings.acceleration_mps2):
+            pieces += [rest, (ramp_s, push), even, (ramp_s, -push)]
+    durations, a = np.array([*pieces, rest]).T
+    edges = np.concatenate([[0.0], np.cumsum(durations)])
     readings = np.arange(0.0, edges[-1], 1e-6 * _STEP_US)
     t_us = np.unique(np.round(1e6 * np.concatenate([readings, edges])))
     # Positions and velocities at the corners, then the parabola between them.
-    a, steps = np.array(accelerations), np.diff(edges)
+    steps = np.diff(edges)
     v = np.concatenate([[0.0], np.cumsum(a * steps)])
     x = np.concatenate([[0.0], np.cumsum(v[:-1] * steps + 0.5 * a * steps**2)])
     t_s = np.minimum(1e-6 * t_us, edges[-1])

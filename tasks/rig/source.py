@@ -20,7 +20,7 @@ from tasks.evaluation.source import FlowPoints, Images, Source, true_points
 from tasks.flow import Features
 from tasks.reconstruction import log_white_level
 from tasks.rig.crop import Cropped
-from tasks.rig.page_view import page_view
+from tasks.rig.page_view import page_views
 from tasks.rig.places import Way, Window
 from tasks.rig.prints import Print, are_inside
 from tasks.tracking import path_at
@@ -57,7 +57,8 @@ class CropSource(Source):
         self.window = source.Window(windows[0].start_us, windows[-1].end_us)
         self.size = self._camera.width, self._camera.height
         self.contrast_threshold = crop.contrast_threshold
-        self._log_view = cache(self._seen)
+        view = page_views(self._camera, self._pose, crop.printed.page, crop.printed.light)
+        self._log_view = cache(lambda x_m: np.log(view(x_m) + DARK_FRACTION))
 
     def camera(self) -> Camera:
         return self._camera
@@ -76,15 +77,10 @@ class CropSource(Source):
     def log_white(self) -> float:
         return log_white_level(self.log_end())
 
-    def _seen(self, x_m: float) -> Float64:
-        """Return the log light of the page at a position of the slider."""
-        light = self._crop.printed.page, self._crop.printed.light
-        return np.log(page_view(self._camera, self._pose, x_m, *light) + DARK_FRACTION)
-
     def covers(self, task: TaskSettings) -> bool:
         """Return whether the recording lasts long enough around the window for a task."""
         way, window = self._crop.way, self.window
-        if any(one.windows_before for one in task.plan()) and window.before_us < way.first_us:
+        if any(each.windows_before for each in task.plan()) and window.before_us < way.first_us:
             return False
         if not isinstance(task, Tracking):
             return True
@@ -105,8 +101,8 @@ class CropSource(Source):
         pose, camera, window = self._pose, self._camera, self._first
         points_m = self._crop.printed.corners_m(window.place)[:count]
         start_px, end_px = pose.project(camera, points_m, window.x_m)
-        kept = are_inside(camera, start_px) & are_inside(camera, end_px)
-        return np.flatnonzero(kept), start_px[kept], (end_px - start_px)[kept]
+        inside = are_inside(camera, start_px) & are_inside(camera, end_px)
+        return np.flatnonzero(inside), start_px[inside], (end_px - start_px)[inside]
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
         numbers, centers_px, flow_px = self.corners(task.features)

@@ -27,24 +27,20 @@ from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
 from tasks.rig.calibration import TRUTH_NAME, on_page, write_truth
-from tasks.rig.page import PAPER, Page, draw, lay_out, read_page_image, reflectance
+from tasks.rig.page import Page, draw, lay_out, read_page_image, reflectance
 from tasks.rig.recording import FRAMES_FOLDER, Frame, write_frames_table
-from tasks.rig.settings import RigSettings, SliderSettings, read_rig
+from tasks.rig.settings import RigSettings, SliderSettings, check_bounds, read_rig
 from tasks.rig.slider import Slider, strokes
 
 Float64 = NDArray[np.float64]
 
 LIGHT_FOLDER = "light"
 
-_WALL = 0.6 * PAPER  # reflectance
-_BEHIND_M = 1e-4  # the wall is behind the page
 _MARGIN = 1.2  # size of the wall over what the camera sees of it
-_CLEARANCE_M = 0.01
 _MIN_EXPOSURE_S = 2e-6  # start, middle and end are whole microseconds
 
-_XML = (Path(__file__).parent / "page_scene.xml").read_text(
-    encoding="utf-8"
-)  # with numbers to fill in
+# With numbers to fill in. The wall is 0.1 mm behind the page, and reflects 0.6 of what paper does.
+_XML = (Path(__file__).parent / "page_scene.xml").read_text(encoding="utf-8")
 _TOML = """title = "A page on a wall, in front of a camera on a slider"
 license = "CC0-1.0"
 length_unit = "m"
@@ -61,7 +57,7 @@ fov_deg = {fov_deg}
 [path]
 kind = "tum"
 file = "camera.txt"
-min_clearance_m = {clearance}
+min_clearance_m = 0.01
 """
 
 
@@ -82,7 +78,7 @@ def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m
     x, y = mount.middle_m or (0.5 * page.width_m, 0.5 * page.height_m)
     axis = turn[:, 2]
     if not axis[2] > 0:
-        raise RigError(f"mount.turn_deg: found {mount.turn_deg}, expected to see the page")
+        raise RigError(f"mount.turn_deg: {mount.turn_deg} turns the camera away from the page")
     middle = np.array([x, y, 0.0]) - depth_m / axis[2] * axis
     direction = np.array(slider.direction) / np.linalg.norm(slider.direction)
     return RigPose(turn, middle - 0.5 * slider.travel_m * direction, direction)
@@ -115,20 +111,13 @@ def render_rig(
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
-        raise RigError(f"{rig_file}: slider: missing, expected the strokes to render")
+        raise RigError(f"{rig_file}: slider: missing; it describes the strokes to render")
     check_positive("depth", depth_m, RigError, "a positive number of meters")
-    if images < 0:
-        raise RigError(f"images: found {images}, expected at least 0")
+    check_bounds("images", images, 0)
+    _check_images(out, images)
     frame_camera.check()
-    if frame_camera.exposure < _MIN_EXPOSURE_S:
-        raise RigError(
-            f"exposure: found {frame_camera.exposure:g} s, expected at least {_MIN_EXPOSURE_S:g}"
-        )
-    if frame_camera.exposure > settings.slider.pause_s:
-        raise RigError(
-            f"exposure: found {frame_camera.exposure:g} s, expected at most slider.pause_s, "
-            f"{settings.slider.pause_s:g} s, as the first image is taken at rest"
-        )
+    # The first image is taken at rest.
+    check_bounds("exposure", frame_camera.exposure, _MIN_EXPOSURE_S, settings.slider.pause_s)
     page = lay_out(settings.page)
     codes = draw(page, settings.page, rig_file.parent)
     slider = strokes(settings.slider)
@@ -136,7 +125,6 @@ def render_rig(
     camera = settings.camera_in(rig_file.parent)
     _check_same(out, page, slider, pose)
     _check_light(out, page, codes, camera)
-    _check_images(out, images)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
     if out.resolve() != rig_file.parent.resolve():
         if settings.camera_file is not None:
@@ -161,46 +149,37 @@ def render_rig(
     return light
 
 
+def _check_images(out: Path, images: int) -> None:
+    """Refuse a folder with images of an earlier render that would stay among the new ones."""
+    for file in sorted((out / FRAMES_FOLDER).glob(f"{'[0-9]' * 6}.png")):
+        if int(file.stem) > images:
+            raise RigError(
+                f"{file}: is of an earlier render; give --images {file.stem} or more, "
+                "or a new folder"
+            )
+
+
 def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
     """Refuse the folder of another recording, whose light and events would get a false truth."""
     virtual = (out / TRUTH_NAME).exists()
     real = [] if virtual else [*out.glob(exposures.FILE_NAME), *out.glob("events.*")]
     if real:
-        raise RigError(
-            f"{real[0]}: found the file of a real recording, as there is no {TRUTH_NAME}, expected "
-            "a new folder"
-        )
+        raise RigError(f"{real[0]}: belongs to a real recording; give a new folder")
     with tempfile.TemporaryDirectory() as folder:
         _write_facts(Path(folder), page, slider, pose)
         for file in Path(folder).iterdir():
-            found = out / file.name
-            differs = found.read_bytes() != file.read_bytes() if found.exists() else virtual
-            if differs:
-                raise RigError(
-                    f"{found}: found that of another rig or depth, expected a new folder, or the "
-                    "same rig and depth to continue"
-                )
+            old = out / file.name
+            if old.read_bytes() != file.read_bytes() if old.exists() else virtual:
+                raise RigError(f"{old}: is of another rig or depth; give a new folder")
 
 
 def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera) -> None:
     """Check that light that was rendered before is of this camera and picture."""
-    print_file = out / page_files.IMAGE_NAME
+    image = out / page_files.IMAGE_NAME
     for manifest in (out / LIGHT_FOLDER).glob("*/manifest.json"):
-        if read_manifest(manifest.parent).camera != camera:
-            raise RigError(f"{manifest}: found that of another camera, expected a new folder")
-        same = print_file.exists() and np.array_equal(read_page_image(print_file, page), codes)
-        if not same:
-            raise RigError(f"{print_file}: found another picture, expected a new folder")
-
-
-def _check_images(out: Path, images: int) -> None:
-    """Refuse a folder with more images than will be written, of which some would stay."""
-    for file in sorted((out / FRAMES_FOLDER).glob("*.png")):
-        if file.stem.isdecimal() and int(file.stem) > images:
-            raise RigError(
-                f"{file}: found the image of an earlier render, expected at most {images} along "
-                "the way, a higher --images, or a new folder"
-            )
+        same = image.exists() and np.array_equal(read_page_image(image, page), codes)
+        if read_manifest(manifest.parent).camera != camera or not same:
+            raise RigError(f"{manifest}: is of another camera or picture; give a new folder")
 
 
 def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:
@@ -220,19 +199,13 @@ def write_page_scene(
     """Write the page on its wall, and the camera's path, for `load_scene`."""
     make_folder(folder)
     middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])
-    seen = [on_page(pose, camera, camera.grid(2), x) for x in (slider.x_m.min(), slider.x_m.max())]
-    wall = _MARGIN * max(float(np.abs(np.array(seen) - middle).max()), page.width_m, page.height_m)
+    ends_m = slider.x_m.min(), slider.x_m.max()
+    view_m = np.array([on_page(pose, camera, camera.grid(2), x) for x in ends_m])
+    wall = _MARGIN * max(float(np.abs(view_m - middle).max()), page.width_m, page.height_m)
     upward = reflectance(codes)[::-1]  # a rectangle's v runs up, from the texture's first row
     write_luminance(folder / "page.exr", np.ascontiguousarray(upward, np.float32))
-    facts = {
-        "half_w": middle[0],
-        "half_h": middle[1],
-        "wall": wall,
-        "behind": _BEHIND_M,
-        "light": _WALL,
-        "fov_deg": np.rad2deg(camera.fov_rad),
-        "clearance": _CLEARANCE_M,
-    }
+    fov_deg = np.rad2deg(camera.fov_rad)
+    facts = {"half_w": middle[0], "half_h": middle[1], "wall": wall, "fov_deg": fov_deg}
     facts = {name: repr(float(value)) for name, value in facts.items()}
     write_text(folder / "scene.xml", _XML.format(**facts))
     write_text(folder / "scene.toml", _TOML.format(**facts))

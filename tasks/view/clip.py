@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import crop_to_aspect
 from tasks.view.drawing import Picture, depth_colors, flow_colors, tone_mapped
-from tasks.view.panel import Panel
+from tasks.view.layout import Panel
 
 _SAMPLES = 5  # times at which the scale of depth or flow is measured
 _FLOW_STEP_S = 1e-3
@@ -58,13 +58,12 @@ class ClipFrames:
 
         Returns
         -------
-        Ascending times, us. The first is that of the frame shown at the start, or of the first
-        frame.
+        Ascending times, us, from the frame shown at the start, or from the first frame.
         """
         times_us = self._times_us
         first = max(0, int(np.searchsorted(times_us, start_us, side="right")) - 1)
-        shown = times_us[first : max(first + 1, int(np.searchsorted(times_us, end_us)))]
-        return [int(t_us) for t_us in shown]
+        last = max(first + 1, int(np.searchsorted(times_us, end_us)))
+        return times_us[first:last].tolist()
 
     def at(self, t_us: int) -> Picture:
         """Return the last frame up to a time, or the first one, as gray levels."""
@@ -88,8 +87,8 @@ class ClipFrames:
         frame = self.at(t_us)
         rows, columns = crop_to_aspect(frame.shape[0], frame.shape[1], height, width)
         how = cv2.INTER_AREA if width < frame.shape[1] else cv2.INTER_LINEAR
-        seen = cv2.resize(frame[rows, columns], (width, height), interpolation=how)
-        return seen.astype(np.uint8, copy=False)
+        view = cv2.resize(frame[rows, columns], (width, height), interpolation=how)
+        return view.astype(np.uint8, copy=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,22 +106,25 @@ class FrameSource:
         """Yield a panel for each of the ascending times, us on the clock of the events."""
         title = f"{self.frames.sequence.manifest.scene}, frames"
         for t_us in times_us:
-            yield Panel(
-                self.frames.at(t_us), title, f"{self.frames.path_s(t_us):.3f} s of the path"
-            )
+            detail = f"{self.frames.path_s(t_us):.3f} s of the path"
+            yield Panel(self.frames.at(t_us), title, detail)
 
 
 @dataclass(frozen=True, slots=True)
-class DepthSource:
-    """The true depth of a clip."""
-
+class _TruthSource:
     frames: ClipFrames
     truth: GroundTruth
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the pictures, px."""
-        return _truth_size(self.frames.sequence)
+        sequence = self.frames.sequence
+        width = min(sequence.width, _TRUTH_WIDTH)
+        return width, round(width * sequence.height / sequence.width)
+
+
+class DepthSource(_TruthSource):
+    """The true depth of a clip."""
 
     def depth(self, t_us: int) -> NDArray[np.float32]:
         """Return the (H, W) z-depth at a time, m; inf where nothing is seen."""
@@ -131,8 +133,8 @@ class DepthSource:
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
         """Yield a panel for each of the ascending times, us on the clock of the events."""
         some = np.concatenate([self.depth(t_us) for t_us in _some(times_us)])
-        seen = some[np.isfinite(some)]
-        near_m, far_m = np.percentile(seen, (0.5, 99.5)) if seen.size else (1.0, 1.0)
+        finite = some[np.isfinite(some)]
+        near_m, far_m = np.percentile(finite, (0.5, 99.5)) if finite.size else (1.0, 1.0)
         scale = 1 / np.linspace(1 / far_m, 1 / near_m, 256, dtype=np.float32)
         legend = depth_colors(scale[None], near_m, far_m)
         for t_us in times_us:
@@ -143,17 +145,8 @@ class DepthSource:
             yield Panel(picture, "true depth", f"{far_m:.3g} m (dark) to {near_m:.3g} m (bright)")
 
 
-@dataclass(frozen=True, slots=True)
-class FlowSource:
+class FlowSource(_TruthSource):
     """The true optical flow of a clip."""
-
-    frames: ClipFrames
-    truth: GroundTruth
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the pictures, px."""
-        return _truth_size(self.frames.sequence)
 
     def flow(self, t_us: int) -> NDArray[np.float32]:
         """Return the (H, W, 2) motion at a time, px of the frames per second of the path."""
@@ -186,11 +179,6 @@ class FlowSource:
 
 
 ClipSource = FrameSource | DepthSource | FlowSource
-
-
-def _truth_size(sequence: RadianceSequence) -> tuple[int, int]:
-    width = min(sequence.width, _TRUTH_WIDTH)
-    return width, round(width * sequence.height / sequence.width)
 
 
 def _some(times_us: Sequence[int]) -> list[int]:

@@ -104,8 +104,7 @@ def draw_events(events: Events, ground: Picture, palette: Palette) -> Picture:
     """
     if ground.shape != (events.height, events.width, 3):
         raise TaskError(
-            f"draw_events: found a picture of {ground.shape}, expected "
-            f"({events.height}, {events.width}, 3), the sensor's size"
+            f"ground: found shape {ground.shape}, expected {(events.height, events.width, 3)}"
         )
     picture = ground.copy()
     total = np.zeros(ground.shape[:2], np.int64)

@@ -15,7 +15,7 @@ from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.origin import in_text
 from tasks.view.clip import ClipFrames, ClipSource
 from tasks.view.drawing import Palette, draw_events, plain
-from tasks.view.panel import Panel
+from tasks.view.layout import Panel
 from tasks.view.windows import windows
 
 
@@ -73,19 +73,15 @@ class EventSource:
         """Yield the events of each window, and its panel."""
         cut = windows(self.parts(), times_us, length_us=self.length_us, count=self.count)
         for t_us, events in zip(times_us, cut, strict=True):
-            ground = (
-                plain(*self.size, self.palette.ground)
-                if self.frames is None
-                else self.frames.seen_by(*self.size, t_us)
-            )
+            ground = plain(*self.size, self.palette.ground)
+            if self.frames is not None:
+                ground = self.frames.seen_by(*self.size, t_us)
+            us = self.length_us
+            if us is None:
+                us = t_us - int(events.t_us[0]) if len(events) else 1
             picture = draw_events(events, ground, self.palette)
-            yield events, Panel(picture, self.title, self._rate(events, t_us))
-
-    def _rate(self, events: Events, t_us: int) -> str:
-        us = self.length_us
-        if us is None:
-            us = t_us - int(events.t_us[0]) if len(events) else 1
-        return f"{len(events) / us:.3g} Mev/s"  # events per microsecond
+            # Events per microsecond are millions per second.
+            yield events, Panel(picture, self.title, f"{len(events) / us:.3g} Mev/s")
 
 
 def sensor_title(model: SensorModel) -> str:

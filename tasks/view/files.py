@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
-from itertools import chain, islice, product
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +58,7 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
         for picture in chain([first], pictures):
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
             coded = frame.reformat(
-                format="yuv420p",
-                dst_colorspace=Colorspace.ITU709,
-                dst_color_range=ColorRange.MPEG,
+                format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
             )
             container.mux(stream.encode(coded))
         container.mux(stream.encode())
@@ -78,30 +76,25 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     some = list(islice(pictures, _PALETTE_PICTURES))
     events = _event_colors()
     colors = Image.fromarray(np.concatenate(some)).quantize(256 - len(events))
-    found = (colors.getpalette() or [])[: 3 * (256 - len(events))]
-    colors.putpalette([*found, *events.ravel().tolist()])
+    usual = (colors.getpalette() or [])[: 3 * (256 - len(events))]
+    colors.putpalette([*usual, *events.ravel().tolist()])
     first, *rest = some
     coded = (_coded(picture, colors) for picture in chain(rest, pictures))
     _coded(first, colors).save(
-        path,
-        "GIF",
-        save_all=True,
-        append_images=coded,
-        duration=round(1000 / fps),
-        loop=0,
+        path, "GIF", save_all=True, append_images=coded, duration=round(1000 / fps), loop=0
     )
 
 
 def _event_colors() -> Picture:
     """Return (N, 3) colors of events of both polarities, which the first pictures may lack."""
-    found = []
-    for palette in PALETTES.values():
-        grounds = [palette.ground, *((gray,) * 3 for gray in _GRAYS)]
-        for color, ground, strength in product(
-            (palette.brighter, palette.darker), grounds, STRENGTHS[1:]
-        ):
-            found.append(strength * np.array(color) + (1 - strength) * np.array(ground))
-    return np.round(found).astype(np.uint8)
+    colors = [
+        strength * np.array(color) + (1 - strength) * np.array(ground)
+        for palette in PALETTES.values()
+        for color in (palette.brighter, palette.darker)
+        for ground in (palette.ground, *((gray,) * 3 for gray in _GRAYS))
+        for strength in STRENGTHS[1:]
+    ]
+    return np.round(colors).astype(np.uint8)
 
 
 def _coded(picture: Picture, colors: Image.Image) -> Image.Image:
@@ -116,19 +109,13 @@ def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     pictures
         (H, W, 3) uint8 each.
     """
-    Image.fromarray(next(pictures)).save(
-        path,
-        "WEBP",
-        save_all=True,
-        append_images=map(Image.fromarray, pictures),
-        duration=round(1000 / fps),
-        loop=0,
-        quality=_WEBP_QUALITY,
-        method=4,
-    )
+    rest, duration = map(Image.fromarray, pictures), round(1000 / fps)
+    options = {"save_all": True, "loop": 0, "quality": _WEBP_QUALITY, "method": 4}
+    first = Image.fromarray(next(pictures))
+    first.save(path, "WEBP", append_images=rest, duration=duration, **options)
 
 
-def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
+def write_png(path: Path, pictures: Iterator[Picture], _: float) -> None:
     """Write one picture.
 
     Parameters
@@ -136,7 +123,6 @@ def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     pictures
         Its only picture, (H, W, 3) uint8.
     """
-    del fps
     Image.fromarray(next(pictures)).save(path, "PNG", optimize=True)
 
 

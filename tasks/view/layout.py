@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -11,13 +12,29 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from tasks.view.drawing import Palette, Picture, resized
-from tasks.view.panel import Panel
 
 _SMALL_PX = 360  # pictures of less height are enlarged by an integer factor
 _GAP_PX, _MARGIN_PX = 8, 4
 _TEXT_SHARE = 0.065  # size of the text over the height of the pictures
 _MIN_TEXT_PX, _MAX_TEXT_PX = 12, 24
 _FINER = 4  # letters are drawn this much larger and averaged, for positions between pixels
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One source at one time.
+
+    Parameters
+    ----------
+    picture
+        (H, W, 3) uint8.
+    title, detail
+        Two lines of caption: what the picture shows, and its numbers at this time.
+    """
+
+    picture: Picture
+    title: str
+    detail: str
 
 
 class Layout:

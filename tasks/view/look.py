@@ -31,7 +31,7 @@ class Look:
     count
         Each picture shows this many events up to its time, instead of a window.
     slow
-        Slow motion: how many times slower than real time. By default the file lasts a few seconds.
+        How many times slower than real time. By default the file lasts a few seconds.
     fps
         Pictures per second of a .mp4, .gif, .webp or .rrd; 25 by default.
     start
@@ -43,10 +43,10 @@ class Look:
     palette
         Colors: blue-red or dark.
     height
-        Height of the pictures, px; by default one that suits the sensor and the file.
+        Height of the pictures, px; by default chosen for the sensor and the kind of file.
     sensor
-        Camera of files that do not say theirs, a name or a TOML file, for captions, and for the
-        size of files without one.
+        Camera of files that do not name theirs, a name or a TOML file. It gives the caption, and
+        the size of files without a size.
     """
 
     window: float | None = None
@@ -69,11 +69,11 @@ class Look:
             A value is out of range; the text names the option.
         """
         if self.window is not None and self.count is not None:
-            raise TaskError("window, count: found both, expected one of them")
-        for name, (least, most) in _RANGES.items():
+            raise TaskError("window, count: give one of them, not both")
+        for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise TaskError(f"{name}: found {value}, expected {least:g} to {most:g}")
+            if value is not None and not low <= value <= high:
+                raise TaskError(f"{name}: found {value}, expected {low:g} to {high:g}")
 
     @property
     def window_ms(self) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import logging
 import zlib
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from tasks.errors import TaskError
 from tasks.view.drawing import STRENGTHS
 from tasks.view.event_file import EventSource
 from tasks.view.player_frames import pack_frames
+from tasks.view.subject import Subject
 
 _log = logging.getLogger(__name__)
 
@@ -63,32 +63,25 @@ class PackedEvents:
 
 
 def write_player(
-    path: Path,
-    sources: Sequence[EventSource],
-    counts: Sequence[int],
-    span_us: tuple[int, int],
-    window_ms: float,
-    on_progress: Progress,
-    *,
-    overwrite: bool,
+    path: Path, subject: Subject, window_ms: float, on_progress: Progress, *, overwrite: bool
 ) -> None:
-    """Write the page.
+    """Write the page of files of events.
 
     Parameters
     ----------
-    span_us
-        The part of the events that is shown, [start, end), us.
     window_ms
         Initial length of the window of events, ms.
     """
+    sources, span_us = subject.event_sources, (subject.start_us, subject.end_us)
     if span_us[1] - span_us[0] >= 1 << 32:
-        raise TaskError(f"{path}: found more than 71 minutes; choose a part with --start and --end")
-    every = -(-sum(counts) // MAX_EVENTS)
+        raise TaskError(f"{path}: a page holds at most 71 minutes; give --start and --end")
+    count = sum(subject.counts)
+    every = -(-count // MAX_EVENTS)
     if every > 1:
         _log.warning(
-            "%s: keeps one of every %d events, as there are %d and a page holds at most %d; choose "
-            "a part with --start and --end to keep all of its events",
-            *(path, every, sum(counts), MAX_EVENTS),
+            "%s: keeps one of every %d events, as a page holds at most %d of %d; give --start and "
+            "--end to keep all events of a part",
+            *(path, every, MAX_EVENTS, count),
         )
     packed = []
     for k, source in enumerate(sources, start=1):
@@ -98,7 +91,7 @@ def write_player(
     palette = sources[0].palette
     page = _TEMPLATES.get_template("player.html").render(
         title=", ".join(source.name for source in sources),
-        panels=[{"title": one.title, "width": one.width, "height": one.height} for one in packed],
+        panels=packed,
         every=every,
         windows_ms=sorted({*_WINDOWS_MS, window_ms}),
         events={
@@ -110,8 +103,8 @@ def write_player(
             "ground": palette.ground,
             "strengths": STRENGTHS,
             "sources": [
-                asdict(one) | {"frames": behind and asdict(behind)}
-                for one, behind in zip(packed, frames, strict=True)
+                asdict(events) | {"frames": behind and asdict(behind)}
+                for events, behind in zip(packed, frames, strict=True)
             ],
         },
     )
@@ -126,16 +119,16 @@ def pack(source: EventSource, span_us: tuple[int, int], every: int) -> PackedEve
     span_us
         The part that is packed, [start, end), us.
     """
-    kept: list[tuple[NDArray, ...]] = []
-    seen = 0
+    packed: list[tuple[NDArray, ...]] = []
+    count = 0
     for part in source.parts():
         inside = part.between(*span_us)
-        chosen = slice(-seen % every, None, every)
-        kept.append(tuple(column[chosen].copy() for column in inside.columns))
-        seen += len(inside)
+        chosen = slice(-count % every, None, every)
+        packed.append(tuple(column[chosen].copy() for column in inside.columns))
+        count += len(inside)
         if len(part) and part.t_us[-1] >= span_us[1]:
             break
-    t_us, x, y, p = (np.concatenate(column) for column in zip(*kept, strict=True))
+    t_us, x, y, p = map(np.concatenate, zip(*packed, strict=True))
     steps = np.diff(t_us, prepend=span_us[0]).astype("<u4")
     columns = steps, x.astype("<u2"), y.astype("<u2"), (p > 0).astype("u1")
     data = zlib.compress(b"".join(column.tobytes() for column in columns), 6)

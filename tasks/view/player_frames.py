@@ -45,8 +45,8 @@ def pack_frames(
     """
     sizes = [_size(source) for source in sources if source.frames is not None]
     pixels = sum(width * height for width, height in sizes)
-    most = max(1, min(MAX_FRAMES, MAX_PIXELS // max(pixels, 1)))
-    return [_packed(source, span_us, most) for source in sources]
+    limit = max(1, min(MAX_FRAMES, MAX_PIXELS // max(pixels, 1)))
+    return [_packed(source, span_us, limit) for source in sources]
 
 
 def _size(source: EventSource) -> tuple[int, int]:
@@ -55,11 +55,11 @@ def _size(source: EventSource) -> tuple[int, int]:
     return max(1, round(scale * width)), max(1, round(scale * height))
 
 
-def _packed(source: EventSource, span_us: tuple[int, int], most: int) -> PackedFrames | None:
+def _packed(source: EventSource, span_us: tuple[int, int], limit: int) -> PackedFrames | None:
     if source.frames is None:
         return None
     times_us = source.frames.times_us(*span_us)
-    times_us = times_us[:: -(-len(times_us) // most)]
+    times_us = times_us[:: -(-len(times_us) // limit)]
     images = []
     for t_us in times_us:
         picture, file = source.frames.seen_by(*_size(source), t_us), io.BytesIO()

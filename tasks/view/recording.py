@@ -44,8 +44,7 @@ def write_recording(
     latest_us = max(map(abs, times_us), default=0)
     if latest_us >= _MAX_US:
         raise TaskError(
-            f"{path or 'Rerun'}: found a time of {latest_us} us, expected less than {_MAX_US} us "
-            "(292 years); `eres convert --from-start` moves the events"
+            f"{path or 'Rerun'}: {latest_us} us is too late; run `eres convert --from-start` first"
         )
     with _recording(path, overwrite) as (rerun, recording):
         logs = []
@@ -82,8 +81,7 @@ def _recording(path: Path | None, overwrite: bool) -> Iterator[tuple[Any, Any]]:
         import rerun
     except ModuleNotFoundError as error:
         raise TaskError(
-            "rerun: is not installed; in a checkout: pip install '.[viewer]', or anywhere: "
-            "pip install rerun-sdk"
+            "Rerun is not installed; run pip install '.[viewer]', or pip install rerun-sdk"
         ) from error
     recording = rerun.RecordingStream("eres")
     if path is None:
@@ -113,16 +111,14 @@ def _clip(
         T = truth.pose(frames.path_s(t_us))
         pose = rerun.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
         recording.log(f"{place}/camera", pose)
-        for name, picture in (
-            ("frames", rerun.Image(frames.at(t_us))),
-            ("depth", rerun.DepthImage(depth.depth(t_us), meter=1.0)),
-            ("flow", rerun.Image(colors.picture)),
+        for name, width, picture in (
+            ("frames", clip.width, rerun.Image(frames.at(t_us))),
+            ("depth", depth.size[0], rerun.DepthImage(depth.depth(t_us), meter=1.0)),
+            ("flow", flow.size[0], rerun.Image(colors.picture)),
         ):
-            width = clip.width if name == "frames" else depth.size[0]
             camera = truth.camera(width)
-            lens = rerun.Pinhole(
-                image_from_camera=camera.K, resolution=[camera.width, camera.height]
-            )
+            size = [camera.width, camera.height]
+            lens = rerun.Pinhole(image_from_camera=camera.K, resolution=size)
             recording.log(f"{place}/camera/{name}", lens, picture)
         yield
 

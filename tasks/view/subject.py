@@ -9,8 +9,8 @@ from typing import Literal
 
 from eres_render import RadianceSequence, ground_truth, open_sequence
 from eres_render.progress import Progress
+from sensor import errors
 from sensor.cameras import EventCamera, find_camera
-from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, ReadOptions
@@ -43,7 +43,7 @@ class Subject:
     @property
     def event_sources(self) -> tuple[EventSource, ...]:
         """The sources that are files of events."""
-        return tuple(one for one in self.sources if isinstance(one, EventSource))
+        return tuple(source for source in self.sources if isinstance(source, EventSource))
 
 
 def open_subject(
@@ -58,72 +58,67 @@ def open_subject(
 ) -> Subject:
     """Open files of events and rendered clips, and find the time that they cover."""
     files = [path for path in paths if not path.is_dir()]
-    if not files and (format is not None or reading != AS_STORED):
-        raise TaskError(
-            "found rendered clips, expected format, size, time-unit and sort only with files of "
-            "events"
-        )
-    if not files and over is not None:
-        raise TaskError("over: found only rendered clips, expected files of events to draw over it")
+    of_events = {
+        "--over": over,
+        "--format": format,
+        "--size, --time-unit, --sort, --topic": None if reading == AS_STORED else reading,
+        "--window": look.window,
+        "--count": look.count,
+    }
+    given = [name for name, value in of_events.items() if value is not None]
+    if given and not files:
+        raise TaskError(f"{', '.join(given)}: only for files of events; SOURCE is a rendered clip")
     if len(files) == len(paths) and show != "frames":
-        raise TaskError(f"show: found {show}, expected it only with a rendered clip as a source")
+        raise TaskError(f"--show {show}: only for rendered clips; SOURCE is a file of events")
     camera = EventCamera() if look.sensor is None else find_camera(look.sensor)
     if look.sensor is not None and reading.size is None:
         reading = replace(reading, size=camera.size)
     headers = {path: _header(path, reading, format) for path in files}
-    beside_clips = len(files) < len(paths)
-    speeds = {
-        path: _speed(path, header) if beside_clips or over is not None else 1.0
-        for path, header in headers.items()
-    }
-    if beside_clips and len(set(speeds.values())) > 1:
-        found = " and ".join(f"{speed:g}" for speed in sorted(set(speeds.values())))
-        raise TaskError(f"found events at speeds {found}, expected one speed next to a clip")
-    sources: list[Source] = []
-    for path in paths:
-        if path in headers:
-            frames = None if over is None else _beside(over, {path: headers[path]}, speeds[path])
-            sources.append(
-                EventSource(
-                    path,
-                    headers[path],
-                    PALETTES[look.palette],
-                    length_us=look.length_us,
-                    count=look.count,
-                    format=format,
-                    reading=reading,
-                    frames=frames,
-                    camera=camera.name,
-                )
-            )
-        else:
-            speed = next(iter(speeds.values()), 1.0)
-            sources.append(_clip_source(_beside(open_sequence(path), headers, speed), show))
-    return _timed(tuple(sources), look, on_progress)
+
+    def source(path: Path) -> Source:
+        if path not in headers:
+            return _clip_source(_beside(open_sequence(path), headers), show)
+        return EventSource(
+            path,
+            headers[path],
+            PALETTES[look.palette],
+            length_us=look.length_us,
+            count=look.count,
+            format=format,
+            reading=reading,
+            frames=None if over is None else _beside(over, {path: headers[path]}),
+            start_us=_us(look.start),
+            camera=camera.name,
+        )
+
+    return _timed(tuple(map(source, paths)), look, on_progress)
 
 
 def _header(path: Path, reading: ReadOptions, format: str | None) -> Header:
     header = read_header(path, format=format, topic=reading.topic)
-    try:
+    with errors.reading(path):
         return header.with_size(reading.size)
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
 
 
-def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header], speed: float) -> ClipFrames:
+def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header]) -> ClipFrames:
     """Return frames on the clock of files of events."""
-    shifts = {shift_us(sequence, header.origin, speed) for header in headers.values()}
-    if len(shifts) > 1:
-        found = " and ".join(f"{shift} us" for shift in sorted(shifts))
-        raise TaskError(f"found events shifted by {found}, expected one clock next to a clip")
-    return ClipFrames(sequence, speed, *shifts)
+    clocks = set()
+    for path, header in headers.items():
+        speed = _speed(path, header)
+        clocks.add((speed, shift_us(sequence, header.origin, speed)))
+    if len(clocks) > 1:
+        names = (f"speed {speed:g}, shifted by {shift} us" for speed, shift in sorted(clocks))
+        raise TaskError(
+            f"{sequence.folder}: its files of events have several clocks: {'; '.join(names)}"
+        )
+    return ClipFrames(sequence, *(clocks.pop() if clocks else ()))
 
 
 def _speed(path: Path, header: Header) -> float:
     """Return the speed at which the events were simulated, 1 if the file does not say."""
     speed = header.origin.get("speed", 1.0)
     if isinstance(speed, str) or not 0 < speed < FASTEST:
-        raise TaskError(f"{path}: found {speed!r} as speed in its origin, expected a factor")
+        raise TaskError(f"{path}: speed in its origin: found {speed!r}, expected a factor")
     return float(speed)
 
 
@@ -135,43 +130,36 @@ def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
 
 
 def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Subject:
-    start_us, end_us = (None if t_s is None else round(1e6 * t_s) for t_s in (look.start, look.end))
+    start_us, end_us = _us(look.start), _us(look.end)
     if start_us is not None and end_us is not None and not start_us < end_us:
-        raise TaskError(f"start, end: found {look.start} to {look.end} s, expected a span")
+        raise TaskError(f"--start {look.start:g} is not before --end {look.end:g}")
     files = any(isinstance(source, EventSource) for source in sources)
-    starts, ends, counts = [], [], []
+    spans_us, counts = [], []
     for k, source in enumerate(sources):
         on_progress("reading", k, len(sources))
         if isinstance(source, EventSource):
             span = span_of(source.parts(), start_us, end_us)
             if span is None:
-                part = "in the file" if start_us is end_us is None else "between start and end"
-                raise TaskError(f"{source.path}: found no events {part}")
+                raise TaskError(f"{source.path}: no events in the time that is shown")
             counts.append(span.count)
-            starts.append(span.start_us)
-            ends.append(span.end_us)
+            spans_us.append((span.start_us, span.end_us))
         elif not files:
-            first_us, last_us = source.frames.span_us()
-            starts.append(first_us)
-            ends.append(last_us)
-    if start_us is not None:
-        sources = tuple(
-            replace(source, start_us=start_us) if isinstance(source, EventSource) else source
-            for source in sources
-        )
-    start_us = min(starts) if start_us is None else start_us
-    end_us = max(ends) if end_us is None else end_us
+            spans_us.append(source.frames.span_us())
+    start_us = min(start for start, _ in spans_us) if start_us is None else start_us
+    end_us = max(end for _, end in spans_us) if end_us is None else end_us
     for frames in {source.frames for source in sources if source.frames is not None}:
-        _check_overlap(frames, start_us, end_us)
+        first_us, last_us = frames.span_us()
+        if last_us < start_us or first_us > end_us:
+            raise TaskError(
+                f"{frames.sequence.folder}: its frames, {_s(first_us)} to {_s(last_us)} s, are "
+                f"outside the time that is shown, {_s(start_us)} to {_s(end_us)} s"
+            )
     return Subject(sources, start_us, end_us, tuple(counts))
 
 
-def _check_overlap(frames: ClipFrames, start_us: int, end_us: int) -> None:
-    """Refuse frames outside the time that is shown."""
-    first_us, last_us = frames.span_us()
-    if last_us < start_us or first_us > end_us:
-        raise TaskError(
-            f"{frames.sequence.folder}: found frames from {1e-6 * first_us:.6f} to "
-            f"{1e-6 * last_us:.6f} s, expected some from {1e-6 * start_us:.6f} to "
-            f"{1e-6 * end_us:.6f} s, the time that is shown"
-        )
+def _us(t_s: float | None) -> int | None:
+    return None if t_s is None else round(1e6 * t_s)
+
+
+def _s(t_us: int) -> str:
+    return f"{1e-6 * t_us:.6f}"

@@ -26,7 +26,7 @@ _MAX_SIDE_PX = {".mp4": 16384, ".gif": 65535, ".webp": 16383}  # that encoders t
 _USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
 # All pictures of a .gif or .webp are in memory at once; of other files, only their times.
-_MAX_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
+_MAX_IN_MEMORY, _MAX_PICTURES = 300, 10**6
 
 KINDS = (*WRITERS, ".html", ".rrd")
 _WITHOUT = {  # options of a look that a kind of file does not have
@@ -98,8 +98,8 @@ def view(
     if kind not in KINDS:
         raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
     for name in _WITHOUT[kind]:
-        if getattr(look, name) is not None:
-            raise TaskError(f"{name}: found {getattr(look, name)}, expected none with {kind}")
+        if (value := getattr(look, name)) is not None:
+            raise TaskError(f"{name}: found {value}, but a {kind} has no such option")
     files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if out is not None:
         check_new(out, overwrite, *files)
@@ -107,33 +107,15 @@ def view(
     subject = open_subject(
         files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )
-    if not subject.event_sources:
-        for name in ("window", "count"):
-            if (found := getattr(look, name)) is not None:
-                raise TaskError(f"{name}: found {found}, expected it only with events")
-    if kind == ".rrd":
-        times_us = _times(subject, look, kind)
-        write_recording(out, subject.sources, times_us, on_progress, overwrite=overwrite)
-        return
-    assert out is not None
-    if kind == ".html":
+    if kind == ".html" and out is not None:
         if len(subject.event_sources) < len(subject.sources):
-            raise TaskError(
-                f"{out}: found a rendered clip, expected files of events in a .html, and the clip "
-                "behind them: --over"
-            )
-        span_us = subject.start_us, subject.end_us
-        write_player(
-            out,
-            subject.event_sources,
-            subject.counts,
-            span_us,
-            look.window_ms,
-            on_progress,
-            overwrite=overwrite,
-        )
+            raise TaskError(f"{out}: a .html shows a rendered clip only behind events: give --over")
+        write_player(out, subject, look.window_ms, on_progress, overwrite=overwrite)
         return
     times_us = _times(subject, look, kind)
+    if kind == ".rrd" or out is None:
+        write_recording(out, subject.sources, times_us, on_progress, overwrite=overwrite)
+        return
     pictures = _pictures(subject, look, times_us, kind, on_progress)
     with new_file(out, overwrite=overwrite) as file:
         WRITERS[kind](file, _small_enough(pictures, kind), _fps(look, kind))
@@ -141,13 +123,12 @@ def view(
 
 def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
     """Refuse pictures that are larger than the encoder of a file takes."""
-    most = _MAX_SIDE_PX.get(kind, math.inf)
+    limit = _MAX_SIDE_PX.get(kind, math.inf)
     for picture in pictures:
         height, width = picture.shape[:2]
-        if max(height, width) > most:
+        if max(height, width) > limit:
             raise TaskError(
-                f"height: found pictures of {width}x{height} px, expected at most {most} px a side "
-                f"in a {kind}; give a smaller --height"
+                f"height: {width}x{height} px exceed the {limit} px of a {kind}; reduce --height"
             )
         yield picture
 
@@ -160,7 +141,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
         t_us = (start_us + end_us + 1) // 2 if look.at is None else round(1e6 * look.at)
         if not start_us <= t_us <= end_us:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
-            raise TaskError(f"at: found {look.at} s, expected {span}, as in the files")
+            raise TaskError(f"at: found {look.at} s, but the sources last from {span}")
         return [t_us]
     step_us = 1e6 / (_fps(look, kind) * _slow(subject, look, kind))
     lead_us = 0.0
@@ -168,12 +149,11 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
         lead_us = step_us if look.length_us is None else look.length_us
     first_us = min(start_us + lead_us, end_us)
     steps = math.floor((end_us - first_us) / step_us)
-    most = _MAX_PICTURES.get(kind, _MAX_PICTURES[".mp4"])
-    if steps >= most:
-        other = ", or write a .mp4" if most < _MAX_PICTURES[".mp4"] else ""
+    limit = _MAX_IN_MEMORY if kind in (".gif", ".webp") else _MAX_PICTURES
+    if steps >= limit:
         raise TaskError(
-            f"found {steps + 1} pictures, expected at most {most} in a {kind}; choose a part with "
-            f"--start and --end, or a smaller --slow or --fps{other}"
+            f"{steps + 1} pictures are more than the {limit} of a {kind}; give --start and --end, "
+            "reduce --slow or --fps, or write a .mp4"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
 

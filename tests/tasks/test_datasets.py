@@ -97,16 +97,16 @@ def truth_of(path, t_us, **arrays):
             [0, 10_000, 20_000],
             1,
             (6, 8),
-            r"flow: found shape \(1, 6, 8, 2\), expected \(2, 6, 8, 2",
+            r"flow: found shape \(1, 6, 8, 2\), not \(2, 6, 8, 2",
         ),
         (
             [0, 10_000, 20_000],
             2,
             (3, 3),
-            r"flow: found shape \(2, 3, 3, 2\), expected \(2, 6, 8, 2",
+            r"flow: found shape \(2, 3, 3, 2\), not \(2, 6, 8, 2",
         ),
-        ([20_000, 10_000, 0], 2, (6, 8), "t_us: found times that do not ascend"),
-        ([0], 0, (6, 8), "t_us: found one time, expected two or more"),
+        ([20_000, 10_000, 0], 2, (6, 8), "t_us: expected two or more ascending"),
+        ([0], 0, (6, 8), "t_us: expected two or more ascending"),
     ],
 )
 def test_truth_that_does_not_fit_is_refused(t_us, steps, size, said, tmp_path):
@@ -244,7 +244,7 @@ def test_masks_of_objects_are_empty_where_nothing_moves(folder, tmp_path):
     assert set(items[0]) >= {"flow_us", "truth_us"}
     assert not {"flow", "depth"} & set(items[0])
     write_events(copy / "2.h5", load_events(copy / "1.h5"))
-    with pytest.raises(TaskError, match=r"2.h5: found no instances, which is from `--truth`"):
+    with pytest.raises(TaskError, match=r"2.h5: has no instances"):
         EventDataset(copy, targets=["instances"], window_us=1000)
 
 
@@ -381,14 +381,14 @@ def twice(folder):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (no_events, r"clip_001: found a clip without events, expected .*: eres simulate"),
-        (no_clip, r"1.h5: found no frame, which is from the rendered clip"),
+        (no_events, r"clip_001: has no events; run `eres simulate"),
+        (no_clip, r"1.h5: has no frame"),
         (no_frame, r"missing"),
-        (no_truth, r"2.h5: found no flow, which is from `--truth`"),
-        (unfinished, r"unfinished: found an unfinished file"),
+        (no_truth, r"2.h5: has no flow"),
+        (unfinished, r"unfinished: is unfinished"),
         (cut, r"1.h5: could not be read as DSEC HDF5"),
-        (raw, r"2.raw: found a format without windows, .*: eres convert .*2.raw .*2.h5"),
-        (twice, r"clip_001: found clip 1 of .*, as in .*again;"),
+        (raw, r"2.raw: has no index.*`eres convert .*2.raw .*2.h5`"),
+        (twice, r"clip_001: is the same clip as .*again;"),
     ],
 )
 def test_half_a_recording_is_named(folder, tmp_path, damage, said):
@@ -414,7 +414,7 @@ def test_files_that_are_not_events_may_lie_beside_them(folder, tmp_path):
             write_events(copy / name, events)
         else:  # in microseconds, as NumPy writes them; damaged
             np.savetxt(copy / name, np.stack(events[:9].columns, 1), "%d")
-        with pytest.raises(TaskError, match=f"{name}: found a format without windows"):
+        with pytest.raises(TaskError, match=f"{name}: has no index"):
             EventDataset(copy)
         (copy / name).unlink()
 
@@ -423,7 +423,7 @@ def test_sensors_of_different_size_are_refused(folder, tmp_path):
     """Promise: all windows have the same size, so that they can be stacked."""
     copy = copied(folder, tmp_path)
     write_events(copy / "2.h5", random_events(9, 8, 16))
-    with pytest.raises(TaskError, match=r"2.h5: found a sensor of 8x16 px, expected 16x16 px as"):
+    with pytest.raises(TaskError, match=r"2.h5: found 8x16 px, expected 16x16 px"):
         EventDataset(copy, targets=(), window_us=1000)
 
 
@@ -431,8 +431,8 @@ def test_sensors_of_different_size_are_refused(folder, tmp_path):
     ("arguments", "said"),
     [
         ({"window_us": 0}, "window_us: found 0"),
-        ({"window_us": 5, "window_events": 5}, "found window_us and window_events"),
-        ({"window_us": 10**9}, "found no window of that length"),
+        ({"window_us": 5, "window_events": 5}, "window_us or window_events"),
+        ({"window_us": 10**9}, "shorter than a window"),
         ({"targets": ["flwo"]}, "found 'flwo', expected some of frame, flow, occlusion, depth"),
     ],
 )
@@ -444,12 +444,12 @@ def test_arguments_are_checked(folder, arguments, said):
 
 def test_an_empty_folder_is_an_error(tmp_path):
     """Promise: a folder without events is named, and so are a file and what is not there."""
-    with pytest.raises(TaskError, match=r"found no files of events, expected \.h5"):
+    with pytest.raises(TaskError, match=r"holds no files of events \(\.h5"):
         EventDataset(tmp_path)
-    with pytest.raises(TaskError, match=r"nowhere: found no such folder, expected a folder of rec"):
+    with pytest.raises(TaskError, match="nowhere: no such folder"):
         EventDataset(tmp_path / "nowhere")
     (tmp_path / "events.h5").touch()
-    with pytest.raises(TaskError, match=r"events\.h5: found a file, expected a folder of record"):
+    with pytest.raises(TaskError, match=r"events\.h5: no such folder"):
         EventDataset(tmp_path / "events.h5")
 
 

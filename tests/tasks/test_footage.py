@@ -87,7 +87,7 @@ def test_images_are_in_the_order_of_their_numbers(tmp_path):
     assert len(list_images(tmp_path)) == 5
     (tmp_path / "0.1.png").touch()
     (tmp_path / "0.05.png").touch()
-    with pytest.raises(TaskError, match=r"found 0\.1\.png and 0\.05\.png, whose order"):
+    with pytest.raises(TaskError, match=r"the order of 0\.1\.png and 0\.05\.png"):
         list_images(tmp_path)
 
 
@@ -208,7 +208,7 @@ def test_stacks_of_images_in_one_file_are_refused(tmp_path):
     for k in range(2):
         first = Image.fromarray(image)
         first.save(tmp_path / f"{k}.tif", save_all=True, append_images=[Image.fromarray(preview)])
-    with pytest.raises(TaskError, match=r"0\.tif: found several images in it, expected one image"):
+    with pytest.raises(TaskError, match=r"0\.tif: holds several images"):
         list(read_images(list_images(tmp_path)))
     reduced = TiffImagePlugin.ImageFileDirectory_v2()
     reduced[254] = 1
@@ -263,7 +263,7 @@ def test_floats_are_linear(tmp_path):
         assert footage.encoding == "linear"
         np.testing.assert_allclose(list(footage), light @ BT709, rtol=tolerance)
         assert footage.white_level == pytest.approx(np.percentile(light[0] @ BT709, 99.9), 1e-3)
-        with pytest.raises(TaskError, match="found floats with encoding srgb, expected linear"):
+        with pytest.raises(TaskError, match=r"floats are linear, .* srgb"):
             open_footage(tmp_path / name, fps=1, encoding="srgb")
 
 
@@ -293,9 +293,7 @@ def test_a_pixel_without_light_is_named_or_repaired(tmp_path, caplog, value, suf
     """Promise: it has the median of its neighbors, is counted once however often the frames are
     read, and nothing else changes."""
     light = bad_frames(tmp_path, value, suffix=suffix)
-    with pytest.raises(
-        TaskError, match=r"1\.\w+: found .* at pixel x=2 y=3, and 1 of 48 .*--repair"
-    ):
+    with pytest.raises(TaskError, match=r"1\.\w+: .* at pixel x=2 y=3 .* 1 of 48 .*--repair"):
         list(open_footage(tmp_path, fps=10))
     footage = open_footage(tmp_path, fps=10, repair=True)
     around = light[1, 2:5, 1:4]
@@ -318,10 +316,10 @@ def test_pixels_without_light_are_filled_from_the_rim(tmp_path):
     assert second.min() >= 1
     assert second.max() <= 2
     write_exr(tmp_path / "2.exr", np.full((6, 8), np.nan))
-    with pytest.raises(TaskError, match=r"2\.exr: found nan at pixel x=0 y=0, and 48 of 48"):
+    with pytest.raises(TaskError, match=r"2\.exr: nan at pixel x=0 y=0 .* 48 of 48"):
         list(open_footage(tmp_path, fps=10, repair=True))
     write_exr(tmp_path / "0.exr", np.full((6, 8), np.nan))
-    with pytest.raises(TaskError, match="found only NaN or infinity in the first frame"):
+    with pytest.raises(TaskError, match="first frame is black or not finite"):
         open_footage(tmp_path, fps=10, repair=True)
 
 
@@ -382,7 +380,7 @@ def test_the_command_reads_a_layer_and_repairs_it(tmp_path, eres, caplog):
 def test_layers_are_of_openexr(tmp_path):
     """Promise: an option that does nothing is refused."""
     folder = write_folder(tmp_path / "png", pictures(2), ".png")
-    with pytest.raises(TaskError, match="found layer, expected it only with OpenEXR"):
+    with pytest.raises(TaskError, match="--layer is only for OpenEXR"):
         open_footage(folder, fps=10, layer="beauty")
 
 
@@ -456,7 +454,7 @@ def write_tagged(path, *, codec="ffv1", pixels="yuv444p", **tags):
 def test_videos_of_other_curves_are_refused(tmp_path, curve, name):
     """Promise: video for HDR screens does not become events of BT.709's contrast in silence."""
     path = write_tagged(tmp_path / "a.mkv", color_trc=curve)
-    with pytest.raises(TaskError, match=rf"a.mkv: found video encoded with {name} .*--encoding"):
+    with pytest.raises(TaskError, match=rf"a.mkv: is encoded with {name}.*--encoding"):
         open_footage(path)
     assert open_footage(path, encoding="rec709").encoding == "rec709"
 
@@ -480,7 +478,7 @@ def test_what_videos_have_beside_light_is_said(tmp_path, caplog):
     assert "b.mkv: transparency is left out" in caplog.text
     ratio = Fraction(4, 3)
     open_footage(write_tagged(tmp_path / "c.mkv", codec="libx264", sample_aspect_ratio=ratio))
-    assert "c.mkv: found pixels 4/3 as wide as high; they are taken as square" in caplog.text
+    assert "c.mkv: pixels 4/3 as wide as high are taken as square" in caplog.text
 
 
 def test_a_matrix_with_two_tags_is_one_matrix(tmp_path):
@@ -498,7 +496,7 @@ def test_videos_whose_pixels_are_unknown_are_refused(tmp_path):
     """Promise: an error that names the file, as for an animated WebP, unknown to FFmpeg."""
     frames = [Image.fromarray(image) for image in pictures(3)]
     frames[0].save(tmp_path / "a.webp", save_all=True, append_images=frames[1:], duration=40)
-    with pytest.raises(TaskError, match=r"a\.webp: found pixels that this build of FFmpeg cannot"):
+    with pytest.raises(TaskError, match=r"a\.webp: this build of FFmpeg lacks"):
         open_footage(tmp_path / "a.webp")
 
 
@@ -520,7 +518,7 @@ def test_frames_of_a_video_that_change_size_are_named(tmp_path, monkeypatch):
         return np.repeat(real(frame), 2, axis=0) if len(seen) % 4 == 0 else real(frame)
 
     monkeypatch.setattr(video, "_numbers", growing)  # as a stream of another resolution would
-    with pytest.raises(TaskError, match=r"a.mkv: frame 3: found 48x64 px, expected 48x32 px"):
+    with pytest.raises(TaskError, match=r"a.mkv: frame 3: 48x64 px"):
         list(open_footage(path))
 
 
@@ -529,7 +527,7 @@ def test_footage_of_floats_that_begins_black_is_refused(tmp_path):
     (tmp_path / "fade").mkdir()
     for k in range(3):
         write_luminance(tmp_path / "fade" / f"{k}.exr", np.full((8, 8), float(k)))
-    with pytest.raises(TaskError, match="fade: found a black first frame, expected light"):
+    with pytest.raises(TaskError, match="fade: the first frame is black"):
         open_footage(tmp_path / "fade", fps=100)
 
 
@@ -593,7 +591,7 @@ def test_motion_jpeg_may_have_exif(tmp_path):
 def test_a_turn_by_no_right_angle_is_refused(tmp_path):
     """Promise: frames at an oblique angle are refused; the error gives the angle."""
     video = mp4_shown_by(tmp_path, np.full((32, 64), 99, np.uint8), (0.8, 0.6, -0.6, 0.8))
-    with pytest.raises(TaskError, match=r"rotated by 36.9 degrees, expected a multiple of 90"):
+    with pytest.raises(TaskError, match=r"rotated by 36.9 degrees"):
         open_footage(video)
 
 
@@ -774,16 +772,16 @@ def test_times_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "unit", "error"),
     [
-        ("1\n2\n3\n", None, "found no unit, expected --time-unit s, ms, us or ns"),
-        ("# unit: day\n1\n2\n3\n", None, "found unit 'day'"),
-        ("1\n2\n", "s", "found 2 times, expected 3, one per image"),
-        ("1\n3\n2\n", "s", "txt:3: found 2, expected a time after the one before it"),
-        ("1\nx\n2\n", "s", "txt:2: found 'x', expected one time"),
-        ("1\nnan\n2\n", "s", "txt:2: found 'nan', expected one time"),
-        ("1\n1e11\n2\n", "s", "txt:2: found '1e11', expected one time"),
-        ("1\n1e999999\n2\n", "s", "txt:2: found '1e999999', expected one time"),
-        ("1 0.png\n2\n3\n", "s", "txt:1: found '1 0.png', expected one time"),
-        ("# unit: ns\n1\n2\n3\n", "us", "txt: found --time-unit us, expected ns, as it states"),
+        ("1\n2\n3\n", None, "unit: found none, expected --time-unit s, ms, us or ns"),
+        ("# unit: day\n1\n2\n3\n", None, "unit: found day"),
+        ("1\n2\n", "s", "found 2 times for 3 images"),
+        ("1\n3\n2\n", "s", "txt:3: '2' is not a time after"),
+        ("1\nx\n2\n", "s", "txt:2: 'x'"),
+        ("1\nnan\n2\n", "s", "txt:2: 'nan'"),
+        ("1\n1e11\n2\n", "s", "txt:2: '1e11'"),
+        ("1\n1e999999\n2\n", "s", "txt:2: '1e999999'"),
+        ("1 0.png\n2\n3\n", "s", "txt:1: '1 0.png'"),
+        ("# unit: ns\n1\n2\n3\n", "us", "txt: the times are in ns, not in --time-unit us"),
     ],
 )
 def test_times_are_checked(tmp_path, text, unit, error):
@@ -796,23 +794,23 @@ def test_times_are_checked(tmp_path, text, unit, error):
 
 def test_folders_are_checked(tmp_path):
     """Promise: errors name images that are missing, mixed, damaged or of another size."""
-    with pytest.raises(TaskError, match="neither a video nor a folder of images"):
+    with pytest.raises(TaskError, match="none: no such file"):
         open_footage(tmp_path / "none")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(TaskError, match="found 0 images, expected two or more of PNG, JPEG"):
+    with pytest.raises(TaskError, match="empty: found 0 images"):
         open_footage(tmp_path / "empty", fps=1)
     folder = write_folder(tmp_path / "in", pictures(5), ".png")
-    with pytest.raises(TaskError, match=r"found no timestamps.txt, expected one, or --fps"):
+    with pytest.raises(TaskError, match=r"in: no times: .*--fps.*timestamps.txt"):
         open_footage(folder)
     for fps in (0, 1e-12, 1e10, np.nan):
-        with pytest.raises(TaskError, match=rf"fps: found {fps}, expected 0.001 to 1e\+08 frames"):
+        with pytest.raises(TaskError, match=rf"fps: found {fps}, expected 0.001 to 1e\+08"):
             open_footage(folder, fps=fps)
     (folder / "frame10.png").rename(tmp_path / "kept.png")
-    with pytest.raises(TaskError, match=r"found frame11.png after frame9.png, expected the images"):
+    with pytest.raises(TaskError, match=r"frame11.png: follows frame9.png"):
         open_footage(folder, fps=1)
     data = (tmp_path / "kept.png").read_bytes()
     (folder / "frame10.png").write_bytes(data[:-20])
-    with pytest.raises(TaskError, match=r"frame10.png: found \d+ bytes .* not a complete PNG"):
+    with pytest.raises(TaskError, match=r"frame10.png: \d+ bytes .* not a complete PNG"):
         list(open_footage(folder, fps=1))
     (folder / "frame10.png").write_bytes(data + bytes(20_000))
     assert len(list(open_footage(folder, fps=1))) == 5
@@ -820,7 +818,7 @@ def test_folders_are_checked(tmp_path):
     with pytest.raises(TaskError, match=r"frame10.png: found 9x7 px, expected 26x20 px, as in fr"):
         list(open_footage(folder, fps=1))
     (folder / "x.jpg").write_bytes(b"")
-    with pytest.raises(TaskError, match="found images of kinds jpeg and png, expected one kind"):
+    with pytest.raises(TaskError, match="one kind of images, found jpeg and png"):
         open_footage(folder, fps=1)
 
 
@@ -831,8 +829,7 @@ def test_numbers_that_fall_are_refused_by_name(tmp_path, names):
     for name, image in zip(names, pictures(len(names)), strict=True):
         cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), image)
     fall = len(names) // 2
-    said = f"found {names[fall]}.png after {names[fall - 1]}.png, expected numbers that rise"
-    with pytest.raises(TaskError, match=said):
+    with pytest.raises(TaskError, match=f"{names[fall]}.png: follows {names[fall - 1]}.png"):
         open_footage(tmp_path / "in", fps=1)
 
 
@@ -875,7 +872,7 @@ def test_videos_are_checked(tmp_path):
         open_footage(text)
     planes = np.random.default_rng(0).integers(0, 255, (20, 3, 64, 64), np.uint8)
     video = write_video(tmp_path / "b.mkv", planes)
-    with pytest.raises(TaskError, match="found time-unit"):
+    with pytest.raises(TaskError, match="--time-unit is only for"):
         open_footage(video, time_unit="s")
 
 
@@ -894,7 +891,7 @@ def test_videos_without_an_end_are_said(tmp_path, caplog, suffix, fps):
     count = len(list(open_footage(video, fps=fps)))
     assert 10 < count < 25
     (said,) = caplog.messages
-    assert said.startswith(f"{video}: found frames up to {(count - 1) * 0.05:.3g} s, but the file ")
+    assert said.startswith(f"{video}: the frames end at {(count - 1) * 0.05:.3g} s, but the file ")
     assert said.endswith(": its end may be missing")
 
 

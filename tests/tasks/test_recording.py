@@ -525,7 +525,7 @@ def unknown_images(made, folder):
     table = frames / "frames.csv"
     table.write_text(table.read_text().replace("000.png", "000.bmp"))
     (frames / "000.png").rename(frames / "000.bmp")
-    return ["--frames", frames], "000.bmp: found extension '.bmp', expected one of .png"
+    return ["--frames", frames], "000.bmp: expected an extension of .png"
 
 
 def frames_out_of_int64(made, tmp_path):
@@ -553,7 +553,7 @@ def coded_floats(made, folder):
     table = frames / "frames.csv"
     table.write_text(table.read_text().replace(".png", ".tiff"))
     assert open_frames(frames).encoding == "linear"
-    return ["--frames", frames, "--encoding", "rec709"], "found floats with encoding rec709"
+    return ["--frames", frames, "--encoding", "rec709"], "the encoding is rec709"
 
 
 @pytest.mark.parametrize("unit", [10.0, 1e-3])
@@ -587,7 +587,7 @@ def test_a_black_first_frame_of_floats_is_refused(made, tmp_path):
     for file in frames.glob("*.png"):
         light = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         cv2.imwrite(str(file.with_suffix(".tiff")), np.zeros(light.shape, np.float32))
-    with pytest.raises(TaskError, match="found a black first frame, expected light, as white is"):
+    with pytest.raises(TaskError, match="first frame is black"):
         open_frames(frames)
 
 

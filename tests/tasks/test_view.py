@@ -35,8 +35,7 @@ from tasks.view.drawing import (
 )
 from tasks.view.event_file import EventSource
 from tasks.view.files import possible_fps, write_mp4
-from tasks.view.layout import Layout
-from tasks.view.panel import Panel
+from tasks.view.layout import Layout, Panel
 from tasks.view.player_frames import pack_frames
 from tasks.view.subject import _beside
 from tasks.view.view import _small_enough
@@ -111,7 +110,7 @@ def test_events_are_drawn_over_a_picture():
 def test_a_picture_of_another_size_is_refused(size):
     """Promise: no event is drawn outside of the picture, nor at another place in it."""
     events = make_events([5], [2], [1], [0], 3, 2)
-    with pytest.raises(TaskError, match=r"found a picture of .*, expected \(2, 3, 3\)"):
+    with pytest.raises(TaskError, match=r"ground: .* \(2, 3, 3\)"):
         draw_events(events, plain(*size, COLORS.ground), COLORS)
 
 
@@ -428,13 +427,13 @@ def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):
     write_events(part, events, origin={**header.origin, **window})
     assert ClipFrames(open_sequence(clip)).path_s(90_000) == pytest.approx(0.09)
     found = [
-        _beside(open_sequence(clip), {part: read_header(file)}, 1.0).path_s(90_000)
+        _beside(open_sequence(clip), {part: read_header(file)}).path_s(90_000)
         for file in (tmp_path / "a.h5", tmp_path / "b.h5", part)
     ]
     assert found == pytest.approx([0.09, 0.06, 0.09])
     headers = {tmp_path / name: read_header(tmp_path / name) for name in ("a.h5", "b.h5")}
-    with pytest.raises(TaskError, match="shifted by 0 us and 30000 us, expected one clock"):
-        _beside(open_sequence(clip), headers, 1.0)
+    with pytest.raises(TaskError, match=r"clip.*shifted by 0 us; .*shifted by 30000 us"):
+        _beside(open_sequence(clip), headers)
     for show in ("depth", "flow"):
         args = (tmp_path / "a.h5", clip, "--show", show, "--out", tmp_path / f"{show}.gif")
         code, _, err = eres("view", *args, "--start", 0.19)
@@ -446,7 +445,7 @@ def test_times_beyond_nanoseconds_are_refused_for_rerun(eres, tmp_path):
     file, out = tmp_path / "late.npz", tmp_path / "late.rrd"
     write_events(file, random_events(20, 48, 36).later(1 << 62))
     code, _, err = eres("view", file, "--out", out)
-    assert (code, "late.rrd: found a time of 46116" in err) == (1, True)
+    assert (code, "late.rrd: 46116" in err) == (1, True)
     assert not out.exists()
 
 
@@ -490,7 +489,7 @@ def test_events_of_another_time_are_not_beside_a_clip(eres, tmp_path, clip):
     write_events(file, random_events(99, 48, 36, start_us=3_000_000))
     for sources in ((file, clip), (file, "--over", clip)):
         code, _, err = eres("view", *sources, "--out", out)
-        assert (code, "s, expected some from 3.0000" in err, out.exists()) == (1, True, False)
+        assert (code, "time that is shown, 3.0000" in err, out.exists()) == (1, True, False)
 
 
 def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, clip):
@@ -500,7 +499,7 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
     assert eres("view", file, "--out", out)[0] == 0
     for sources in ((file, clip), (file, "--over", clip)):
         code, _, err = eres("view", *sources, "--out", out, "--overwrite")
-        assert (code, "found 'fast' as speed in its origin" in err) == (1, True)
+        assert (code, "speed in its origin: found 'fast'" in err) == (1, True)
 
 
 # Mistakes
@@ -511,15 +510,15 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
     [
         (
             ["{events}", "--out", "{tmp}/o.png", "--window", "5", "--count", "100"],
-            "window, count: found both, expected one of them",
+            "window, count: give one",
         ),
         (
             ["{clip}", "--out", "{tmp}/o.mp4", "--window", "5"],
-            "window: found 5.0, expected it only",
+            "--window: only for files of events",
         ),
         (
             ["{clip}", "--out", "{tmp}/o.rrd", "--count", "5"],
-            "count: found 5, expected it only with",
+            "--count: only for files of events",
         ),
         (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
         (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
@@ -527,32 +526,38 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         (["{tmp}/none.h5", "--out", "{tmp}/o.mp4"], "none.h5: No such file"),
         (["{tmp}/file.mp4", "--out", "{tmp}/o.mp4"], "found extension '.mp4'"),
         (["{tmp}", "--out", "{tmp}/o.mp4"], "manifest.json"),
-        (["{events}", "--out", "{tmp}/o.mp4", "--start", "9"], "found no events between"),
-        (["{events}", "--out", "{tmp}/o.mp4", "--start", "2", "--end", "1"], "start, end: found"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--start", "9"], "no events in the time"),
+        (
+            ["{events}", "--out", "{tmp}/o.mp4", "--start", "2", "--end", "1"],
+            "--start 2 is not before --end 1",
+        ),
         (["{events}", "--out", "{tmp}/o.png", "--at", "9"], "at: found 9.0"),
         (["{events}", "--out", "{tmp}/o.mp4", "--fps", "0"], "fps: found 0"),
-        (["{events}", "--out", "{tmp}/o.gif", "--slow", "1000"], "expected at most 300"),
+        (["{events}", "--out", "{tmp}/o.gif", "--slow", "1000"], "more than the 300"),
         (
             ["{events}", "--out", "{tmp}/o.mp4", "--end", "1e8"],
-            "expected at most 1000000 in",
+            "more than the 1000000",
         ),
         (["{events}", "--out", "{tmp}/o.mp4", "--start", "nan"], "start: found nan, expected"),
         (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
-        (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
-        (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
-        (["{events}", "--out", "{tmp}/o.html", "--fps", "9"], "fps: found 9.0, expected none"),
-        (["{events}", "--out", "{tmp}/o.png", "--fps", "25"], "fps: found 25.0, expected none"),
-        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "expected some from 9.000000 to"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, but a .mp4"),
+        (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9"),
+        (["{events}", "--out", "{tmp}/o.html", "--fps", "9"], "fps: found 9.0"),
+        (["{events}", "--out", "{tmp}/o.png", "--fps", "25"], "fps: found 25.0"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "time that is shown, 9.000000"),
         (
             ["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"],
-            "to -1.000000 s, the time that is shown",
+            "to -1.000000 s",
         ),
-        (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip, expected files of events"),
+        (["{clip}", "--out", "{tmp}/o.html"], "rendered clip"),
         (
             ["{events}", "--show", "flow", "--out", "{tmp}/o.mp4"],
-            "show: found flow, expected it only",
+            "--show flow: only for rendered clips",
         ),
-        (["{clip}", "--over", "{clip}", "--out", "{tmp}/o.mp4"], "over: found only rendered clips"),
+        (
+            ["{clip}", "--over", "{clip}", "--out", "{tmp}/o.mp4"],
+            "--over: only for files of events",
+        ),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(eres, tmp_path, recording, clip, args, text):
@@ -573,7 +578,7 @@ def test_pictures_that_no_encoder_takes_are_refused(kind, most):
         if fits:
             assert len(list(_small_enough(pictures, kind))) == 1
         else:
-            with pytest.raises(TaskError, match=f"height: found pictures of 2x{most + 1} px"):
+            with pytest.raises(TaskError, match=f"height: 2x{most + 1} px exceed the {most} px"):
                 list(_small_enough(pictures, kind))
 
 
@@ -628,7 +633,7 @@ def test_a_file_is_read_as_the_options_say(eres, tmp_path):
     code, _, err = eres("view", file, "--out", tmp_path / "o.png", "--size", 4, 2)
     assert (code, "give their unit" in err) == (1, True)
     code, _, err = eres("view", tmp_path, "--out", tmp_path / "o.png", "--sort")
-    assert (code, "sort only with files of events" in err) == (1, True)
+    assert (code, "--sort, --topic: only for files of events" in err) == (1, True)
 
 
 def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):

@@ -201,13 +201,13 @@ def test_contradictions_and_too_few_are_refused():
     """Promise: solve raises an error."""
     rig = Rig(0.44)
     corners = rig.corners(0.1, 5)
-    with pytest.raises(RigError, match="markers in 2 images, expected at least"):
+    with pytest.raises(RigError, match=r"solve: .* at 2$"):
         solve(corners.of(corners.t_us < np.unique(corners.t_us)[2]), rig.slider, rig.camera)
     shuffled = np.random.default_rng(0).permutation(corners.image_px)
     with pytest.raises(RigError):
         solve(replace_px(corners, shuffled), rig.slider, rig.camera)
     still = Slider(rig.slider.t_us, np.zeros_like(rig.slider.x_m))
-    with pytest.raises(RigError, match="expected it to move"):
+    with pytest.raises(RigError, match=r"solve: .* at 1$"):
         solve(corners, still, rig.camera)
     late = Slider(rig.slider.t_us + 1e7, rig.slider.x_m)
     with pytest.raises(RigError, match="do the two clocks agree"):

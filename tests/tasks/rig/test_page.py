@@ -66,7 +66,7 @@ def test_a_picture_of_one_s_own_is_beside_the_rig(page, tmp_path, monkeypatch):
     inside = draw(page, own, tmp_path)[top:bottom, left:right]
     assert inside.min() == inside.max() == 255  # white is its brightest
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(RigError, match=r"found no image 'photo.png' beside rig.toml"):
+    with pytest.raises(RigError, match=r"rig.photo\.png: no such image"):
         draw(page, own, tmp_path / "rig")
 
 
@@ -105,7 +105,7 @@ def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
     pdf = (tmp_path / "page.pdf").read_bytes()
     points = pdf[pdf.index(b"MediaBox") :].split(b"[")[1].split(b"]")[0].split()
     assert float(points[2]) == pytest.approx(72 * page.width_m / 0.0254, rel=1e-3)
-    with pytest.raises(RigError, match=r"expected \.pdf or \.png"):
+    with pytest.raises(RigError, match=r"page\.jpg: .*\.pdf or \.png"):
         write_print(tmp_path / "page.jpg", image, page)
 
 
@@ -160,18 +160,18 @@ def test_settings_are_read(tmp_path):
         ("width_m = 0.44", "width_m = 0.44\ndpi = 300", "dpi: found 300"),
         ("width_m = 0.44", "width_m = 0.44\ndpi = 1e9", "dpi: found 1000000000.0"),
         ("width_m = 0.44", "width_m = 0.44\nseed = -1", "seed: found -1"),
-        ("width_m = 0.12", "width_m = 0.00001", "picture_width_m: found 1e-05, expected at least"),
+        ("width_m = 0.12", "width_m = 0.00001", "picture_width_m: found 1e-05"),
         ("width_m = 0.44", "width_m = 0.1", "picture_width_m: found 0.12"),
         ("focal_mm = 8.0, ", "", "either fx, or both pitch_um and focal_mm"),
         ("pitch_um = 18.5", "fx = 400.0", "either fx, or both pitch_um and focal_mm"),
-        ("[0.2, 0.4]", "[0.2, 4.0]", "does not reach"),
+        ("[0.2, 0.4]", "[0.2, 4.0]", "speeds_mps: .* 2 m/s"),
         ("[0.2, 0.4]", "[]", "speeds_mps: found"),
-        ("[0.2, 0.4]", "[1e200]", "does not reach"),
+        ("[0.2, 0.4]", "[1e200]", "speeds_mps: .* 2 m/s"),
         ("pitch_um = 18.5", "pitch_um = 0", "pitch_um: found 0.0, expected a positive"),
         ("travel_m = 0.2", "travel_m = -1.0", "travel_m: found -1.0"),
         ("travel_m", "travels_m", "travels_m: unknown"),
-        ('picture = "pebbles"', 'picture = "../photo.png"', "name of a file beside rig.toml"),
-        ('picture = "pebbles"', 'picture = "page.png"', "expected another name"),
+        ('picture = "pebbles"', 'picture = "../photo.png"', "another file beside rig.toml"),
+        ('picture = "pebbles"', 'picture = "page.png"', "another file beside rig.toml"),
         ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "either camera or camera_file"),
     ],
 )
@@ -185,7 +185,7 @@ def test_wrong_settings_are_refused(tmp_path, old, new, expected):
 
 
 def test_layouts_without_room_are_refused():
-    with pytest.raises(RigError, match="found room for 0 markers"):
+    with pytest.raises(RigError, match="room for 0 markers"):
         lay_out(
             PageSettings(
                 width_m=0.02,
@@ -204,9 +204,7 @@ def test_layouts_without_room_are_refused():
             picture_height_m=0.01,
             dpi=360,
         )
-        with pytest.raises(
-            RigError, match=r"page: found a side of .* dots, expected at most 32766"
-        ):
+        with pytest.raises(RigError, match=r"page: its side of .* dots .* 32766"):
             lay_out(large)
     with pytest.raises(RigError, match="marker_pitch_m: found"):
         PageSettings(

@@ -40,7 +40,7 @@ def test_images_are_evenly_spaced_along_the_way():
     assert np.allclose(way, (np.arange(16) + 0.5) / 16 * 0.8, atol=2e-3)
     slow = slider.evenly_along(16, 0.0, slider.t_us[-1], max_speed_mps=0.25)
     assert np.abs(slider.speed_mps(slow)).max() <= 0.25
-    with pytest.raises(RigError, match=r"no motion .* of at most 1e-06 m/s"):
+    with pytest.raises(RigError, match=r"no motion .* 1e-06\)"):
         slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_places_are_where_there_are_events():
     )
     assert way_of(parked, 0, int(slider.t_us[-1])).span_m == pytest.approx((0.0, 0.2))
     assert way_of(parked).span_m == pytest.approx((0.0, 0.5))
-    with pytest.raises(RigError, match=r"events from -200 to -100 us, expected both at the same"):
+    with pytest.raises(RigError, match="slider: the readings do not overlap"):
         way_of(parked, -200, -100)
 
 
@@ -193,14 +193,14 @@ def test_files_keep_every_digit(tmp_path, interval_us):
     ("text", "expected"),
     [
         ("t_us,x_m\n0,0\n", "found 1 readings"),
-        ("t_us\n0\n1\n", "x_m: no such column"),
-        ("t_us,x_m\n0,0\n5,\n", "line 3: x_m: found no value"),
+        ("t_us\n0\n1\n", "no column x_m"),
+        ("t_us,x_m\n0,0\n5,\n", "line 3: x_m: no value"),
         ("t_us,x_m\n0,0\n5,a\n", "could not convert"),
         ("t_us,x_m\n0,0\n5,nan\n", "not finite"),
-        ("t_us,x_m\n5,0\n0,1\n", "expected increasing times"),
+        ("t_us,x_m\n5,0\n0,1\n", "reading 2, 1 m at 0 us"),
         (
             "t_us,x_m\n" + "".join(f"{t},{t * 1e-6}\n" for t in [*range(50), *range(500, 550)]),
-            "found no reading from 49 to 500 us while it moved",
+            "without readings from 49 to 500 us",
         ),
     ],
 )
@@ -236,7 +236,7 @@ def test_frames_are_those_of_slow_motion():
     for limit, fastest in ((0.25, 0.2), (np.inf, 0.4)):
         used_us = [t_us for t_us, _ in _frames(recording, 40, limit)]
         assert np.abs(slider.speed_mps(np.array(used_us))).max() == pytest.approx(fastest, rel=1e-3)
-    with pytest.raises(RigError, match=r"no frame at which the slider has 0\.01 m/s"):
+    with pytest.raises(RigError, match=r"no frame .* 0\.01\)"):
         list(_frames(recording, 40, 0.01))
 
 
@@ -249,5 +249,5 @@ def test_an_encoder_may_log_its_steps_alone(step_m):
     logged = np.flatnonzero(np.diff(x_m, append=np.inf))
     Slider(t_us[logged], x_m[logged]).check_gaps()
     kept = logged[(t_us[logged] < 3e5) | (t_us[logged] > 4e5)]
-    with pytest.raises(RigError, match=r"no reading from 29.* to 40.* us while it moved"):
+    with pytest.raises(RigError, match=r"without readings from 29.* to 40.* us"):
         Slider(t_us[kept], x_m[kept]).check_gaps()

@@ -151,9 +151,7 @@ def test_images_of_events_begin_with_their_first_frame(recording):
     assert len(np.unique(found.t_us)) == 4
     assert found.t_us.min() > late.frames[0].t_us
     vars(late)["frames"] = [replace(recording.frames[-1], t_start_us=10**9, t_end_us=10**9)]
-    with pytest.raises(
-        RigError, match="near: found no events after the first frame, at 1000000000"
-    ):
+    with pytest.raises(RigError, match="no motion from 1000000000"):
         detect(late, "ei", images=4)
 
 
@@ -165,7 +163,7 @@ def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
     found = detect(short, "frame", images=10)
     assert found.t_us.min() >= recording.frames[5].t_us
     vars(short)["frames"] = recording.frames[:4]
-    with pytest.raises(RigError, match=r"frames.csv: found no frame within the readings"):
+    with pytest.raises(RigError, match=r"frames.csv: no frame"):
         detect(short, "frame", images=10)
 
 
@@ -254,13 +252,11 @@ def test_a_calibration_is_of_its_camera(recording, frames_solved):
     frames_solved.check_camera(camera)
     replace(frames_solved, intrinsics=()).check_camera(camera)
     other = Camera(camera.width, camera.height, fx=1.01 * camera.fx)
-    with pytest.raises(
-        RigError, match=r"calibration: found a camera with fx = \d+.*solve it again"
-    ):
+    with pytest.raises(RigError, match=r"calibration: .*fx = 260,.* 262.6;"):
         frames_solved.check_camera(other)
     given = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
     bent = Camera(camera.width, camera.height, **given, distortion=Distortion(k1=0.1))
-    with pytest.raises(RigError, match=r"with k1 = 0, expected 0.1, that of the recording; solve"):
+    with pytest.raises(RigError, match=r"calibration: .*k1 = 0,.* 0.1;"):
         frames_solved.check_camera(bent)
 
 
@@ -304,10 +300,9 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [
-        ("lens", [0.0] * 6, "lens: found 6 numbers, expected k1, k2, p1, p2 and k3"),
+        ("lens", [0.0] * 6, "lens"),
         ("width", 0, "Camera"),
-        ("box", {"left": 5, "top": 0, "right": 3, "bottom": 9}, "box: .*expected right of left"),
-        ("pose", {"R_world_cam": [[0.0] * 3] * 3}, "R_world_cam: found no rotation"),
+        ("pose", {"R_world_cam": [[0.0] * 3] * 3}, "R_world_cam"),
     ],
 )
 def test_a_wrong_crop_is_refused(field, value, said, tmp_path):
@@ -357,7 +352,7 @@ def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, 
     for until_us in (40.0, -300.0):
         readings = Slider(first_us + np.array([-500.0, until_us]), np.array([0.0, 0.01]))
         write_slider(out / "slider.csv", readings)
-        with pytest.raises(RigError, match=r"near: found events from .* expected both for 100 us"):
+        with pytest.raises(RigError, match=r"near: the events .* do not overlap"):
             light_of_crop(out)
 
 
@@ -371,7 +366,7 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     with pytest.raises(TaskError, match=r"crop.json: exists already"):
         crop([recording], calibration, out)
     (made / "crop.json").unlink()
-    with pytest.raises(RigError, match="found no crop"):
+    with pytest.raises(RigError, match="crops: holds no crop"):
         evaluate_rig([out], RigEvaluation())
     crop([recording], calibration, out)
     assert (made / "crop.json").exists()
@@ -384,7 +379,7 @@ def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
     calibration, out = read_rig_calibration(file), tmp_path / "crops"
     (made,) = crop([recording], calibration, out)
     shutil.copytree(made, out / "far")
-    with pytest.raises(RigError, match=r"far: found the crop of another recording"):
+    with pytest.raises(RigError, match=r"far: was cropped with other recordings"):
         crop([recording], calibration, out, overwrite=True)
     assert (made / "crop.json").exists()
 
@@ -415,7 +410,7 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     points = {}
     for folder in crops:
         one = _load(folder, crops[folder], printed, settings)
-        found = _windows(one, settings.travel_m)
+        found = _windows(folder, one, settings.travel_m)
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
         pose, camera = one.cropped.pose.pose(), one.cropped.camera()
         middle_px = 0.5 * np.array([[camera.width, camera.height]])
@@ -456,33 +451,27 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
-    with pytest.raises(
-        RigError, match=r"pebbles: found 9 places with a window of 6 mm on the 30 mm"
-    ):
+    with pytest.raises(RigError, match=r"pebbles: .* 4 windows of 6 mm on the 30 mm .*for 9;"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=9))
     (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
     off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
     nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
-    with pytest.raises(
-        RigError, match=r"events.h5: found no window of constant speed in .* at 2 p"
-    ):
-        _windows(nowhere, 0.006)
-    with pytest.raises(RigError, match=r"expected less travel in a window"):
+    with pytest.raises(RigError, match=r"near: no place has 6 mm of constant speed"):
+        _windows(made, nowhere, 0.006)
+    with pytest.raises(RigError, match=r"0 windows of 40 mm"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
     shutil.copytree(made, tmp_path / "others" / "near")
     image = tmp_path / "others" / "near" / "page.png"
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
     codes[codes.shape[0] // 2, codes.shape[1] // 2] ^= 255
     cv2.imwrite(str(image), codes)
-    with pytest.raises(RigError, match=r"others/near: found another page with the picture pebbles"):
+    with pytest.raises(RigError, match=r"others/near: its page differs"):
         evaluate_rig([tmp_path / "crops", tmp_path / "others"], RigEvaluation(places=2))
     facts = asdict(read_crop(made))
     shutil.copytree(made, made.with_name("wide"))
     wide = json.dumps(facts | {"width": 2 * facts["width"]})
     (made.with_name("wide") / "crop.json").write_text(wide)
-    with pytest.raises(
-        RigError, match=r"near: found a field of .* mm in .*wide, expected the same"
-    ):
+    with pytest.raises(RigError, match=r"near: its field is .* mm wide"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2))
     shutil.rmtree(made.with_name("wide"))
     settings = RigEvaluation(places=2, tracking=(), flow=(), video=("blank",))
@@ -492,7 +481,7 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     assert evaluate_rig([tmp_path / "crops", link], settings) == once != []
     still = Slider(np.array([0.0, 1e9]), np.array([0.01, 0.01]))
     write_slider(made / "slider.csv", still)
-    with pytest.raises(RigError, match=r"slider.csv: slider: found the carriage at 0.01 m alone"):
+    with pytest.raises(RigError, match=r"slider.csv: slider: the carriage stays at 0.01 m"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation())
 
 
@@ -546,7 +535,7 @@ def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, o
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     before = {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()}
-    with pytest.raises(RigError, match=r"near: found a recording, expected another --out"):
+    with pytest.raises(RigError, match=r"near: is the folder of a recording"):
         crop([recording], read_rig_calibration(file), recording.folder.parent, overwrite=overwrite)
     assert {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()} == before
 
@@ -591,7 +580,7 @@ def test_rows_are_asked_for(recording, frames_solved, tmp_path):
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     crop([recording], read_rig_calibration(file), tmp_path / "crops")
-    with pytest.raises(RigError, match="found nothing to score"):
+    with pytest.raises(RigError, match="nothing to score"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2, flow=(), video=(), tracking=()))
 
 
@@ -628,7 +617,7 @@ def test_another_depth_does_not_change_the_truth_of_a_recording(folder, tmp_path
     for name in ("truth.json", "page.json", "slider.csv"):
         shutil.copy(folder / name, tmp_path / "near")
     before = (folder / "truth.json").read_bytes()
-    with pytest.raises(RigError, match=r"truth.json: found that of another rig or depth"):
+    with pytest.raises(RigError, match=r"truth.json: is of another rig or depth"):
         render_rig(
             *(folder.parent / "rig.toml", tmp_path / "near", DEPTH_M + 0.1),
             frame_camera=FrameCameraOptions(),
@@ -643,7 +632,7 @@ def test_a_real_recording_is_not_rendered_over(tmp_path, name):
     (tmp_path / "near").mkdir()
     (tmp_path / "near" / name).write_text("t_us,x_m\n0,0\n1000000,0.1\n")
     before = (tmp_path / "near" / name).read_bytes()
-    with pytest.raises(RigError, match=rf"{name}: found .*expected a new folder"):
+    with pytest.raises(RigError, match=rf"{name}: .*give a new folder"):
         render_rig(
             tmp_path / "rig.toml", tmp_path / "near", DEPTH_M, frame_camera=FrameCameraOptions()
         )
@@ -652,24 +641,21 @@ def test_a_real_recording_is_not_rendered_over(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("fx = 260.0", "fx = 270.0", "manifest.json: found that of another camera"),
-        ('picture = "pebbles"', 'picture = "forest"', "page.png: found another picture"),
-    ],
+    ("old", "new"),
+    [("fx = 260.0", "fx = 270.0"), ('picture = "pebbles"', 'picture = "forest"')],
 )
-def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new, said):
+def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new):
     """Promise: what is refused has written nothing: the recording keeps its camera and picture."""
     (tmp_path / "rig.toml").write_text(RIG.replace(old, new))
     before = {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()}
-    with pytest.raises(RigError, match=said):
+    with pytest.raises(RigError, match=r"manifest.json: is of another camera or picture"):
         render_rig(tmp_path / "rig.toml", folder, DEPTH_M, frame_camera=FrameCameraOptions())
     assert {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()} == before
 
 
 @pytest.mark.parametrize(
     ("exposure", "said"),
-    [(1e-6, "found 1e-06 s, expected at least 2e-06"), (5.0, r"found 5 s, .* slider.pause_s, ")],
+    [(1e-6, "found 1e-06, expected 2e-06"), (5.0, r"found 5.0, .* 0.02")],
 )
 def test_an_exposure_that_does_not_fit_is_refused_before_the_render(tmp_path, exposure, said):
     """Promise: nothing is written for an exposure of a microsecond, which has no middle, or for one
@@ -704,7 +690,7 @@ def test_images_of_an_earlier_render_are_not_left_among_new_ones(tmp_path):
     images.mkdir(parents=True)
     for k in range(6):
         (images / f"{k:06d}.png").write_bytes(b"as before")
-    with pytest.raises(RigError, match=r"000005.png: found the image of an earlier render, .*4"):
+    with pytest.raises(RigError, match=r"000005.png: .*earlier"):
         render_rig(
             *(tmp_path / "rig.toml", tmp_path / "near", DEPTH_M),
             images=4,
@@ -718,7 +704,7 @@ def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
     (tmp_path / "rig.toml").write_text(f'camera_file = "{tmp_path}/lens.yaml"\n{text}')
-    with pytest.raises(RigError, match=r"camera_file: found .*expected the name of a file beside"):
+    with pytest.raises(RigError, match=r"camera_file: found .*expected the name of another file"):
         read_rig(tmp_path / "rig.toml")
 
 
@@ -733,7 +719,7 @@ def test_cameras_on_their_sides_are_refused(recording, frames_solved, roll_deg):
     """Promise: widths of crops are sides of the same field; the text says how far it is rolled."""
     near = frames_solved.pose.pose()
     cameras, poses = [recording.camera] * 2, [near, rolled(near, roll_deg)]
-    with pytest.raises(RigError, match=f"camera rolled by {roll_deg} degrees against the nearest"):
+    with pytest.raises(RigError, match=f"rolled by {roll_deg} degrees"):
         common_boxes(cameras, poses, frames_solved.x_m)
 
 
@@ -795,8 +781,8 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     assert "exists already" in capsys.readouterr().err
     for blur in ("-1", "nan", "200"):
         assert run(monkeypatch, *detected, "--overwrite", "--blur", blur) == 1
-        said = " ".join(capsys.readouterr().err.split())
-        assert f"blur: found {blur} px, expected 0 or more, below" in said
+        message = " ".join(capsys.readouterr().err.split())
+        assert f"blur: found {blur} px, expected 0 to 200" in message
     assert run(monkeypatch, "rig", "solve", folder, "--out", calibration) == 0
     assert "against the truth" in capsys.readouterr().out
     crops = tmp_path / "crops"
@@ -840,12 +826,12 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     unexposed = copy("unexposed")
     text = (unexposed / "frames.csv").read_text().replace("t_us_start,t_us_end", "t_us,other")
     (unexposed / "frames.csv").write_text(text)
-    with pytest.raises(RigError, match="each frame needs the start and the end"):
+    with pytest.raises(TaskError, match="each frame needs the start and the end"):
         detect(open_rig_recording(unexposed), "frame", images=4)
 
     another = copy("another")
     (another / "rig.toml").write_text(RIG.replace("width = 200", "width = 220"))
-    with pytest.raises(RigError, match="found events of 200x150 px, expected 220x150"):
+    with pytest.raises(RigError, match=r"events.h5: .*200x150 px, .*220x150"):
         detect(open_rig_recording(another), "hf", images=4)
     with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
         detect(open_rig_recording(another), "frame", images=4)
@@ -856,7 +842,7 @@ def test_bad_recordings_are_refused(folder, tmp_path):
 
     eventless = copy("eventless")
     (eventless / "events.h5").unlink()
-    with pytest.raises(RigError, match=r"found none, expected one file events\.\*"):
+    with pytest.raises(RigError, match=r"expected one file events\.\*, found none"):
         detect(open_rig_recording(eventless), "hf", images=4)
 
     blind = copy("blind")
@@ -864,10 +850,10 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     kept = empty.where(np.arange(len(empty)) % 9973 == 0)
     (blind / "events.h5").unlink()
     write_events(blind / "events.h5", kept)
-    with pytest.raises(RigError, match=r"found none of \d+ markers in 4 images"):
+    with pytest.raises(RigError, match=r"blind: no marker .* 4 images"):
         detect(open_rig_recording(blind), "hf", images=4)
 
-    with pytest.raises(RigError, match="found no folder"):
+    with pytest.raises(RigError, match=r"rig.toml: no such file"):
         open_rig_recording(Path(tmp_path / "nowhere"))
 
 
@@ -880,14 +866,14 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
     (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     cropped = read_crop(out)
     (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
-    with pytest.raises(RigError, match=r"crop.json: lens: found .*expected a pinhole for tracking"):
+    with pytest.raises(RigError, match=r"crop.json: lens: .*tracking"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2))
     events = load_events(out / "events.h5")
     settings = RigEvaluation(places=2, tracking=(), flow=(), video=("blank",))
     begins_us = int(events.t_us[len(events) // 4])
     for last_us, said in (
         (begins_us + 50_000, r"on the 3 mm that all recordings pass \(.*near passes 3 mm\)"),
-        (begins_us, "near.events.h5: found no events, expected some"),
+        (begins_us, "near.events.h5: no events"),
     ):
         (out / "events.h5").unlink()
         chosen = (events.t_us >= begins_us) & (events.t_us < last_us)
@@ -909,8 +895,8 @@ def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_so
     write_calibration(file, [frames_solved])
     text = file.read_text().replace('"width": 200', '"width": 346')
     file.write_text(text)
-    with pytest.raises(RigError, match="found a camera of 346x150 px"):
+    with pytest.raises(RigError, match=r"calibration: .*width = 346,.* 200;"):
         read_rig_calibration(file).of(recording)
     file.write_text(text.replace(str(folder), "/elsewhere"))
-    with pytest.raises(RigError, match="solve it too"):
+    with pytest.raises(RigError, match=r"calibration: .* is missing"):
         read_rig_calibration(file).of(recording)
