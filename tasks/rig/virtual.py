@@ -151,12 +151,11 @@ def render_rig(
 
 def _check_images(out: Path, images: int) -> None:
     """Refuse a folder with images of an earlier render that would stay among the new ones."""
-    for file in sorted((out / FRAMES_FOLDER).glob(f"{'[0-9]' * 6}.png")):
-        if int(file.stem) > images:
-            raise RigError(
-                f"{file}: is of an earlier render; give --images {file.stem} or more, "
-                "or a new folder"
-            )
+    earlier = sorted((out / FRAMES_FOLDER).glob(f"{'[0-9]' * 6}.png"))
+    if earlier and (last := int(earlier[-1].stem)) > images:
+        raise RigError(
+            f"{earlier[-1]}: is of an earlier render; give --images {last} or more, or a new folder"
+        )
 
 
 def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
