@@ -203,23 +203,19 @@ def tracking_sample(
     ------
     TaskError
         The scene is not planar, the camera has a lens, the sizes of events, image and camera
-        differ, `T_0` is not 4 x 4, or `max_delay_us` is negative.
+        differ, or `T_0` is not 4 x 4.
     """
     if plane is None:
-        raise TaskError("tracking: found a scene with depth, expected a plane")
-    if camera.distortion is not None:
-        raise TaskError(f"tracking: found a lens, {camera.distortion}, expected a pinhole")
+        raise TaskError("tracking: needs a plane, and the scene has depth")
     size = (events.height, events.width)
-    for name, found in (
-        ("log_image", log_image.shape),
-        ("camera", (camera.height, camera.width)),
+    for name, value, expected in (
+        ("lens", camera.distortion, None),
+        ("log_image", log_image.shape, size),
+        ("camera", (camera.height, camera.width), size),
+        ("T_0", T_0.shape, (4, 4)),
     ):
-        if found != size:
-            raise TaskError(f"tracking: found {name} of {found}, expected {size} as the events")
-    if T_0.shape != (4, 4):
-        raise TaskError(f"tracking: found T_0 of shape {T_0.shape}, expected (4, 4)")
-    if max_delay_us < 0:
-        raise TaskError(f"tracking: found max_delay_us = {max_delay_us}, expected 0 or more")
+        if value != expected:
+            raise TaskError(f"tracking: {name}: found {value}, expected {expected}")
     duration_us = round(initial.duration_s * 1e6) + max_delay_us
     window = events.between(start_us, start_us + duration_us)
     if max_events is not None:

@@ -133,9 +133,7 @@ def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Floa
 
 
 def picture(
-    log_image: NDArray[np.floating],
-    shape: tuple[int, int],
-    equalization: str = "local",
+    log_image: NDArray[np.floating], shape: tuple[int, int], equalization: str = "local"
 ) -> Float64:
     """Enlarge, stretch and equalize a log intensity for comparison.
 

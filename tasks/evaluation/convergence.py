@@ -77,11 +77,7 @@ def settings() -> list[RenderSetting]:
 
 
 def converge(
-    scene: Scene,
-    *,
-    resolution: int,
-    duration_s: float,
-    on_progress: Progress,
+    scene: Scene, *, resolution: int, duration_s: float, on_progress: Progress
 ) -> Iterator[Outcome]:
     """Render one stretch in the middle of a path in every setting; yield the results one by one.
 

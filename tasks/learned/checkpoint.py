@@ -92,8 +92,7 @@ def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> No
     if others := [name for name in state if name not in expected]:
         raise WeightsError(f"{file}: found entries of another network: {_listed(others)}")
     network.load_state_dict(
-        {name: _as(state[name], expected[name].dtype, name, file) for name in expected},
-        assign=True,
+        {name: _as(state[name], expected[name].dtype, name, file) for name in expected}, assign=True
     )
 
 

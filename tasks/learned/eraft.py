@@ -59,10 +59,7 @@ class ERaft:
         return 0
 
     def flow(
-        self,
-        old: NDArray[np.float32],
-        new: NDArray[np.float32],
-        iterations: int = ITERATIONS,
+        self, old: NDArray[np.float32], new: NDArray[np.float32], iterations: int = ITERATIONS
     ) -> NDArray[np.float32]:
         """Return the flow over the new window.
 

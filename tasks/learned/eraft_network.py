@@ -35,11 +35,7 @@ class ERAFT(nn.Module):
         self.update_block = _UpdateBlock(narrower)
 
     def forward(
-        self,
-        old: Tensor,
-        new: Tensor,
-        iterations: int = ITERATIONS,
-        start: Tensor | None = None,
+        self, old: Tensor, new: Tensor, iterations: int = ITERATIONS, start: Tensor | None = None
     ) -> tuple[Tensor, list[Tensor]]:
         """Return how far pixels move from the end of the old window to that of the new one.
 

@@ -72,11 +72,7 @@ _Search = Callable[..., tuple[NDArray[np.float64], bool]]
 
 
 def _estimate(
-    sample: FlowSample,
-    search: _Search,
-    *,
-    contrast_is_known: bool = True,
-    has_delay: bool = False,
+    sample: FlowSample, search: _Search, *, contrast_is_known: bool = True, has_delay: bool = False
 ) -> FlowEstimate:
     usable = np.isfinite(sample.t_before)
     if usable.sum() < MIN_EVENTS:
@@ -135,9 +131,7 @@ def _steepest_descent(
     The step length doubles after a step that lowers the cost, and halves otherwise.
     """
 
-    def at(
-        flow: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    def at(flow: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
         unknowns = np.array([*flow, start[2], 0.0])
         unknowns[2] = np.clip(_best_gain(events, L, unknowns), lower[2], upper[2])
         cost, gradient, _ = normal_equations(events, L, unknowns)
