@@ -22,8 +22,7 @@ from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import TaskSettings
 from tasks.evaluation.source import row_of
-from tasks.evaluation.stopwatch import Stopwatch
-from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
+from tasks.evaluation.timings import JobTimings, MethodTimings, Stopwatch, split_shared_time
 from tasks.registry import TASKS, load
 from tasks.row import Row
 
@@ -69,14 +68,13 @@ def evaluate(
             _collect(sequence, sensors, workers, stopwatch, on_progress)
         stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
         with stopwatch("scoring"):
-            scores = _score(sensors, workers, on_progress)
+            scored = _score(sensors, workers, on_progress)
     rows = [
         row_of(task, sensor.source, score, sensor.event_rate_hz, sensor.dropped)
-        for sensor, found in zip(sensors, scores, strict=True)
-        for task, score in found
+        for sensor, task, score in scored
     ]
     rendered = sequence.rendered.since(at_start)
-    timings = _timings(sequence, sensors, scores, stopwatch.seconds, rendered)
+    timings = _timings(sequence, sensors, scored, stopwatch.seconds, rendered)
     return Evaluation(rows, timings, reference)
 
 
@@ -140,7 +138,12 @@ class _Sensor:
         """Return the scores of all tasks, each with its task, after the last event."""
         if self._sender is not None and (last := self._sender.finish()) is not None:
             self._receive(last)
-        return [(task, score) for task, one in self._scorers.items() for score in one.scores()]
+        return [
+            (task, score) for task, scorer in self._scorers.items() for score in scorer.scores()
+        ]
+
+
+_Scored = tuple[_Sensor, str, Score]
 
 
 def _collect(
@@ -200,23 +203,21 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _score(
-    sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
-) -> list[list[tuple[str, Score]]]:
-    """Return the scores of each sensor, each with its task."""
+def _score(sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress) -> list[_Scored]:
+    """Return the scores of all sensors, in order."""
     # The largest come first, so that the cores finish at about the same time.
-    order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
-    scores: dict[int, list[tuple[str, Score]]] = {}
-    for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):
-        scores[i] = found
+    order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
+    scores: dict[_Sensor, list[tuple[str, Score]]] = {}
+    for sensor, own in zip(order, workers.map(_Sensor.scores, order), strict=True):
+        scores[sensor] = own
         on_progress("scoring", len(scores), len(sensors))
-    return [scores[i] for i in range(len(sensors))]
+    return [(sensor, *scored) for sensor in sensors for scored in scores[sensor]]
 
 
 def _timings(
     sequence: RadianceSequence,
     sensors: Sequence[_Sensor],
-    scores: Sequence[Sequence[tuple[str, Score]]],
+    scored: Iterable[_Scored],
     seconds: Mapping[str, float],
     rendered: Rendered,
 ) -> JobTimings:
@@ -239,21 +240,18 @@ def _timings(
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
         events=sum(sensor.fired for sensor in sensors),
         scoring_s=seconds["scoring"],
-        methods=_method_timings(
-            (sensor.setting, task, score)
-            for sensor, found in zip(sensors, scores, strict=True)
-            for task, score in found
-        ),
+        methods=_method_timings(scored),
         rendered_frames=rendered.frames,
         height=manifest.height,
         **stages,
     )
 
 
-def _method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> tuple[MethodTimings, ...]:
-    """Return the timings of each method on each sensor, from settings, tasks and scores."""
+def _method_timings(scored: Iterable[_Scored]) -> tuple[MethodTimings, ...]:
+    """Return the timings of each method on each sensor."""
     groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
-    for setting, task, score in scored:
+    for sensor, task, score in scored:
+        setting = sensor.setting
         if not score.copied:
             key = task, score.method, score.variant, setting.model.width, setting.name
             groups.setdefault(key, []).append(score)

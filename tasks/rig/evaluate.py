@@ -66,11 +66,9 @@ class RigEvaluation:
 
     def __post_init__(self) -> None:
         positive = "places", "features", "travel_m", "initial_sigma_mm", "initial_sigma_px"
-        for name in positive:
-            check_positive(name, getattr(self, name), RigError)
-        for name in ("cutoff_hz", "contrast_threshold"):
-            if getattr(self, name) is not None:
-                check_positive(name, getattr(self, name), RigError)
+        for name in (*positive, "cutoff_hz", "contrast_threshold"):
+            if (value := getattr(self, name)) is not None:
+                check_positive(name, value, RigError)
         if not self.seed >= 0:
             raise RigError(f"seed: found {self.seed}, expected at least 0")
 
@@ -113,34 +111,28 @@ def evaluate_rig(
         `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` is the picture, and
         `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
     """
-    if not folders:
-        raise RigError("crops: found no folder, expected those of `eres rig crop`")
     every = {**settings.tasks(), **(tasks or {})}
-    every = {task: one for task, one in every.items() if one.methods}
-    found_in = {one.resolve(): one for folder in folders for one in crops_in(folder)}
+    every = {task: given for task, given in every.items() if given.methods}
     for task in every:
         check_needs(task, folders[0], "a crop", ALL)
-    crops = {one: read_crop(one) for one in found_in.values()}  # each once
+    paths = {path.resolve(): path for folder in folders for path in crops_in(folder)}  # each once
+    crops = {path: read_crop(path) for path in paths.values()}
     prints = prints_of(crops, settings.places, settings.travel_m)
-    found: list[list[Row]] = []
+    rows_of_crops: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
         crop = _load(folder, cropped, prints[cropped.scene], settings)
-        try:
-            windows = _windows(crop, settings.travel_m)
-        except RigError as error:
-            raise RigError(f"{folder}: {error}") from None
+        windows = _windows(crop, settings.travel_m)
         rows: list[Row] = []
         for n, window in enumerate(windows):
             rows += rows_of(crop, [window], every)
             on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
-        rows += rows_of(crop, windows, every, continuous=True)
-        found.append(rows)
-    if not any(found):
+        rows_of_crops.append(rows + rows_of(crop, windows, every, continuous=True))
+    if not any(rows_of_crops):
         raise RigError(
-            "crops: found nothing to score: no task, no corners in the picture, or windows too "
-            "close to the ends of the slider's readings for tracking"
+            "crops: nothing to score: no task, no corners in the picture, or windows too close to "
+            "the ends of the slider's readings for tracking"
         )
-    return in_cells(found, dict.fromkeys(every, MAX_ITEMS))
+    return in_cells(rows_of_crops, dict.fromkeys(every, MAX_ITEMS))
 
 
 def rows_of(
@@ -155,7 +147,7 @@ def rows_of(
     return [
         row
         for task, settings in tasks.items()
-        if any(one.continuous_s for one in settings.plan()) == continuous
+        if any(each.continuous_s for each in settings.plan()) == continuous
         if continuous or source.covers(settings)
         for row in score_stored(task, source, settings)
     ]
@@ -163,10 +155,9 @@ def rows_of(
 
 def crops_in(folder: Path) -> list[Path]:
     """Return the folders of the crops that `eres rig crop` wrote."""
-    found = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
-    if not found:
+    if not (files := sorted(folder.glob(f"*/{FILE_NAME}"))):
         raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
-    return found
+    return [file.parent for file in files]
 
 
 def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> Crop:
@@ -177,29 +168,24 @@ def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluatio
         )
     file = folder / EVENTS_NAME
     model = read_header(file).model
-    C = settings.contrast_threshold
+    C, cutoff_hz = settings.contrast_threshold, settings.cutoff_hz
+    if model is not None:
+        C, cutoff_hz = C or model.contrast_threshold, cutoff_hz or model.cutoff_hz
     if C is None:
-        if model is None:
-            raise RigError(f"{file}: found no contrast threshold, expected --threshold C")
-        C = model.contrast_threshold
-    return Crop(
-        cropped,
-        printed.ways[folder],
-        printed,
-        concatenate(list(read_events(file))),
-        C,
-        settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz),
-    )
+        raise RigError(f"{file}: the contrast threshold is unknown; give --threshold")
+    events = concatenate(list(read_events(file)))
+    way = printed.ways[folder]
+    return Crop(folder, cropped, way, printed, events, C, cutoff_hz or math.inf)
 
 
 def _windows(crop: Crop, travel_m: float) -> list[Window]:
     """Return windows of constant speed at the places of the print, in the order of their starts."""
-    found = crop.way.windows(crop.printed.places_m, travel_m)
-    if not found:
+    windows = crop.way.windows(crop.printed.places_m, travel_m)
+    if not windows:
         seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
         raise RigError(
-            f"{EVENTS_NAME}: found no window of constant speed in {seconds:.3g} s at "
-            f"{len(crop.printed.places_m)} places, expected some of {1e3 * travel_m:g} mm of "
-            "travel; give more places, or less travel"
+            f"{crop.folder / EVENTS_NAME}: none of {len(crop.printed.places_m)} places has a "
+            f"window of {1e3 * travel_m:g} mm at constant speed in {seconds:.3g} s; give more "
+            "places, or less travel"
         )
-    return found
+    return windows

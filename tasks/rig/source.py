@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _MARGIN_US = 20_000  # a path lasts 14 ms, and has a control pose before it and 
 class Crop:
     """A crop in memory."""
 
+    folder: Path
     cropped: Cropped
     way: Way
     printed: Print
@@ -54,6 +56,7 @@ class CropSource(Source):
         self._crop, self._windows = crop, windows
         self._first, self._camera = windows[0], crop.cropped.camera()
         self._pose = crop.cropped.pose.pose()
+        self.name = str(crop.folder)
         self.window = source.Window(windows[0].start_us, windows[-1].end_us)
         self.size = self._camera.width, self._camera.height
         self.contrast_threshold = crop.contrast_threshold
@@ -84,7 +87,7 @@ class CropSource(Source):
     def covers(self, task: TaskSettings) -> bool:
         """Return whether the recording lasts long enough around the window for a task."""
         way, window = self._crop.way, self.window
-        if any(one.windows_before for one in task.plan()) and window.before_us < way.first_us:
+        if any(each.windows_before for each in task.plan()) and window.before_us < way.first_us:
             return False
         if not isinstance(task, Tracking):
             return True
@@ -105,8 +108,8 @@ class CropSource(Source):
         pose, camera, window = self._pose, self._camera, self._first
         points_m = self._crop.printed.corners_m(window.place)[:count]
         start_px, end_px = pose.project(camera, points_m, window.x_m)
-        kept = are_inside(camera, start_px) & are_inside(camera, end_px)
-        return np.flatnonzero(kept), start_px[kept], (end_px - start_px)[kept]
+        inside = are_inside(camera, start_px) & are_inside(camera, end_px)
+        return np.flatnonzero(inside), start_px[inside], (end_px - start_px)[inside]
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
         numbers, centers_px, flow_px = self.corners(task.features)

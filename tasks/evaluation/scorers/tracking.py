@@ -50,10 +50,10 @@ class TrackingScorer:
         if len(early) or not self._parts:
             self._parts.append(early.where(self._rank(early) < self._pixels))
         if sum(map(len, self._parts)) > _EVENTS_KEPT * self._max_events:
-            kept = concatenate(self._parts)
-            rank = self._rank(kept)
+            stored = concatenate(self._parts)
+            rank = self._rank(stored)
             self._pixels = most_pixels(rank, self._max_events)
-            self._parts = [kept.where(rank < self._pixels)]
+            self._parts = [stored.where(rank < self._pixels)]
 
     def _rank(self, events: Events) -> NDArray[np.int32]:
         return self._ranks[events.y, events.x]
