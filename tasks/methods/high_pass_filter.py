@@ -106,8 +106,8 @@ class HighPassFilter:
         """
         self._check_order(t_us)
         value, last_us = self._state[..., 0], self._state[..., 1]
-        seen = value != 0
-        return value * np.exp(-self._rates.per_us * np.where(seen, t_us - last_us, 0.0))
+        since_us = np.where(value != 0, t_us - last_us, 0.0)
+        return value * np.exp(-self._rates.per_us * since_us)
 
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:

@@ -72,8 +72,6 @@ class OurReconstruction(E2vid):
         Length of the windows, us. They begin at multiples of it, and after images.
     """
 
-    NAME = "our reconstruction"
-
     def __init__(
         self,
         width: int,

@@ -82,19 +82,18 @@ def _estimate(
     low_C, high_C = CONTRAST_BOUNDS
     if contrast_is_known:
         low_C = high_C = sample.contrast_threshold
-    inf = np.inf
-    lower = np.array([-inf, -inf, 1 / high_C, DELAY_BOUNDS[0]])
-    upper = np.array([inf, inf, 1 / low_C, DELAY_BOUNDS[1] if has_delay else 0.0])
+    lower = np.array([-np.inf, -np.inf, 1 / high_C, DELAY_BOUNDS[0]])
+    upper = np.array([np.inf, np.inf, 1 / low_C, DELAY_BOUNDS[1] if has_delay else 0.0])
     start = np.array([*sample.initial, 1 / low_C, 0.0])
     if not contrast_is_known:
         start[2] = np.clip(_best_gain(events, sample.log_image, start), lower[2], upper[2])
-    found, converged = search(events, sample.log_image, start, lower, upper)
+    unknowns, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
     reach = REACH_SIGMAS * sample.initial_sigma_px
-    if np.abs(found[:2] - sample.initial).max() > reach:
+    if np.abs(unknowns[:2] - sample.initial).max() > reach:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
-    return FlowEstimate(found[:2], delay=float(found[3]))
+    return FlowEstimate(unknowns[:2], delay=float(unknowns[3]))
 
 
 def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -137,21 +136,21 @@ def _steepest_descent(
         cost, gradient, _ = normal_equations(events, L, unknowns)
         return unknowns, cost, gradient[:2]
 
-    found, cost, gradient = at(start[:2])
+    best, cost, gradient = at(start[:2])
     if not math.isfinite(cost) or (cost > 0 and np.hypot(*gradient) <= _FLAT * cost):
-        return found, False
+        return best, False
     step_px = _FIRST_STEP_PX
     for _ in range(_DESCENT_STEPS):
         slope = np.hypot(*gradient)
         if step_px < _CONVERGED_PX or slope == 0:
             break
-        trial, trial_cost, trial_gradient = at(found[:2] - step_px * gradient / slope)
+        trial, trial_cost, trial_gradient = at(best[:2] - step_px * gradient / slope)
         if trial_cost < cost:
-            found, cost, gradient = trial, trial_cost, trial_gradient
+            best, cost, gradient = trial, trial_cost, trial_gradient
             step_px *= 2
         else:
             step_px /= 2
-    return found, True
+    return best, True
 
 
 @jit_contract
@@ -180,7 +179,7 @@ def normal_equations(events, L, unknowns):
     gradient = np.zeros(4)
     curvature = np.zeros((4, 4))
     x, y, t = np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER)
-    seen = np.empty((3, 2 * _TOGETHER))
+    light = np.empty((3, 2 * _TOGETHER))
     points = np.empty(_TOGETHER, np.uint64)  # of each event; the previous event's is one before
     for start in range(0, events.shape[0], _TOGETHER):
         block = events[start : start + _TOGETHER]
@@ -200,11 +199,11 @@ def normal_equations(events, L, unknowns):
             x[count], y[count] = block[k, 0] - vx * t[count], block[k, 1] - vy * t[count]
             points[k] = count
             count += 1
-        bicubic.sample_all(L, x[:count], y[:count], seen)
+        bicubic.sample_all(L, x[:count], y[:count], light)
         for k in range(block.shape[0]):
             now, before = points[k], points[k] - np.uint64(1)
-            t1, L1, L1x, L1y = t[now], seen[0, now], seen[1, now], seen[2, now]
-            t0, L0, L0x, L0y = t[before], seen[0, before], seen[1, before], seen[2, before]
+            t1, L1, L1x, L1y = t[now], light[0, now], light[1, now], light[2, now]
+            t0, L0, L0x, L0y = t[before], light[0, before], light[1, before], light[2, before]
             p = block[k, 4]
             step = p * (L1 - L0)
             r = gain * step - 1.0

@@ -369,7 +369,7 @@ def test_weights_of_others_are_refused(run, tmp_path):
     torch.save({"arch": FLOW, "light": "all", "weights": {"b": torch.zeros(2)}}, file)
     with pytest.raises(WeightsError, match=r"fnet.conv1.weight: found shape \(\), expected four"):
         network("dense_flow", other, {other: str(file)})
-    with pytest.raises(WeightsError, match="found no weights, expected --weights eraft=FILE"):
+    with pytest.raises(WeightsError, match="needs weights; give --weights eraft=FILE"):
         network("dense_flow", "eraft", None)
     assert stored["arch"] == RECONSTRUCTION
 

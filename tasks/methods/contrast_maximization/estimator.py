@@ -83,15 +83,15 @@ def determined(method: Callable[[FlowSample], FlowEstimate], sample: FlowSample)
     """
     if len(sample.t) < 2 * MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
-    found = method(off_grid(sample))
-    if found.failure:
-        return found
+    whole = method(off_grid(sample))
+    if whole.failure:
+        return whole
     first, other = (method(off_grid(_every_second(sample, start))) for start in (0, 1))
     apart_px = np.linalg.norm(first.flow - other.flow)
-    clear = apart_px < _AGREEMENT * np.linalg.norm(found.flow)
+    clear = apart_px < _AGREEMENT * np.linalg.norm(whole.flow)
     if first.failure or other.failure or not clear:
         return FlowEstimate(sample.initial, UNDETERMINED)
-    return found
+    return whole
 
 
 def _every_second(sample: FlowSample, start: int) -> FlowSample:
