@@ -195,9 +195,9 @@ class _ConvLSTM(nn.Module):
         # By bands of rows: new memory for nine images at once costs more than the arithmetic.
         new = torch.empty_like(cell), torch.empty_like(cell)
         rows = max(1, _BAND // (gates.shape[1] * gates.shape[3]))
-        for parts in zip(*(one.split(rows, dim=2) for one in (*new, gates, cell)), strict=True):
-            for target, found in zip(parts[:2], _remember(*parts[2:]), strict=True):
-                target.copy_(found)
+        for parts in zip(*(x.split(rows, dim=2) for x in (*new, gates, cell)), strict=True):
+            for target, state_part in zip(parts[:2], _remember(*parts[2:]), strict=True):
+                target.copy_(state_part)
         return new
 
 

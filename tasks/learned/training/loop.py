@@ -56,7 +56,7 @@ def train(
     """
     if (folder / WEIGHTS_FILE).exists():
         read_checkpoint(folder / WEIGHTS_FILE)  # it may be damaged
-        return {light: list(found) for light, found in read_scores(folder).scores.items()}
+        return {light: list(scores) for light, scores in read_scores(folder).scores.items()}
     place = device_of(device)
     problem.network.to(place).train()
     optimizer = optimizer_of(problem, schedule)
@@ -97,13 +97,13 @@ def train(
 
 def check_machine(problem: Problem, device: str | None) -> None:
     """Check that this machine can train a network."""
-    needed, there, what = problem.memory_bytes(), memory_bytes(), "machine"
+    needed, available, what = problem.memory_bytes(), memory_bytes(), "machine"
     if device_of(device).type == "cuda":  # which holds the network and all it computes
-        there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
-    if needed > there:
+        available, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
+    if needed > available:
         raise TrainingError(
             f"train: needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
-            f"{there / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
+            f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
             "schedule.validation_crops"
         )
 
@@ -112,7 +112,7 @@ def device_of(name: str | None) -> torch.device:
     """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one."""
     has_cuda = torch.cuda.is_available()
     if name == "cuda" and not has_cuda:
-        raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
+        raise TrainingError("device: PyTorch has no GPU, which 'cuda' needs")
     return torch.device(name or ("cuda" if has_cuda else "cpu"))
 
 
@@ -151,18 +151,18 @@ def learn(
     """Learn from a batch."""
     for group in optimizer.param_groups:
         group["lr"] = schedule.rate(step)
-    losses = problem.losses([one.to(place) for one in batch])
-    found: list[float] = []
+    losses = problem.losses([tensor.to(place) for tensor in batch])
+    values: list[float] = []
     while True:
         with _autocast(place):
             loss = next(losses, None)
         if loss is None:
-            return math.fsum(found) / len(found)
-        found.append(float(loss.detach()))
-        if not math.isfinite(found[-1]):
+            return math.fsum(values) / len(values)
+        values.append(float(loss.detach()))
+        if not math.isfinite(values[-1]):
             raise TrainingError(
-                f"step {step}: found a loss of {found[-1]}, expected a finite one; lower "
-                "schedule.learning_rate, and train in another folder"
+                f"step {step}: the loss is {values[-1]}; lower schedule.learning_rate, and train "
+                "in another folder"
             )
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -187,8 +187,8 @@ def _validate(
     row = {"step": float(progress.step), "seconds": progress.seconds}
     row["loss"] = math.fsum(losses) / len(losses) if losses else math.nan
     losses.clear()
-    for light, found in scores.items():
-        for name, value in zip(("network", *problem.baselines), found, strict=True):
+    for light, values in scores.items():
+        for name, value in zip(("network", *problem.baselines), values, strict=True):
             row[f"{light}, {name}"] = value
     progress.curve.append(row)
     write_curve(folder, progress.curve)
@@ -199,23 +199,17 @@ def _validate(
 
 def _in_words(progress: LearningCurve, problem: Problem) -> str:
     """Describe the progress of a training in one line."""
-    said = [f"step {progress.step}"]
+    words = [f"step {progress.step}"]
     if progress.curve:
         row = progress.curve[-1]
-        said.append(f"loss {row['loss']:.4f}")
-        said += [
-            f"{name.removesuffix(', network')} {value:.2f} ("
-            + ", ".join(f"{other} {row[_other(name, other)]:.2f}" for other in problem.baselines)
-            + ")"
-            for name, value in row.items()
-            if name.endswith(", network")
-        ]
-        said[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
-    return ", ".join(said)
-
-
-def _other(column: str, name: str) -> str:
-    return column.replace("network", name)
+        words.append(f"loss {row['loss']:.4f}")
+        for column, value in row.items():
+            light, _, name = column.partition(", ")
+            if name == "network":
+                others = [f"{other} {row[f'{light}, {other}']:.2f}" for other in problem.baselines]
+                words.append(f"{light} {value:.2f} ({', '.join(others)})")
+        words[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
+    return ", ".join(words)
 
 
 def _round_to_half(network: torch.nn.Module) -> None:

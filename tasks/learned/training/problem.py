@@ -97,8 +97,8 @@ class Problem(ABC):
         """Return the samples of a step; they depend only on settings, light, seed and step."""
         count, run_in = self._schedule.crops_per_step, self.run_in(step)
         samples = []
+        windows = run_in + self._windows
         for index in range(step * count, (step + 1) * count):
-            windows = run_in + self._windows
             crop = random_crop(self._crops, windows, self.seed, index, light=self.light)
             samples.append(self.sample(crop, run_in))
         return _joined(samples)
@@ -106,16 +106,12 @@ class Problem(ABC):
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
         crops, run_in = self.held_out_crops(), self.held_out_run_in()
+        windows = run_in + self._windows
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
             for index in range(self._schedule.validation_crops):
                 crop = random_crop(
-                    crops,
-                    run_in + self._windows,
-                    _HELD_OUT_SEED,
-                    index,
-                    light=cutoff_hz,
-                    held_out=True,
+                    crops, windows, _HELD_OUT_SEED, index, light=cutoff_hz, held_out=True
                 )
                 samples.append(self.sample(crop, run_in))
                 scores.append(self.baseline_scores(crop, samples[-1]))
@@ -132,12 +128,12 @@ class Problem(ABC):
         """
         self.network.eval()
         with torch.inference_mode():
-            found = {
-                name: [self.network_score([one.to(device) for one in batch])]
+            scores = {
+                name: self.network_score([tensor.to(device) for tensor in batch])
                 for name, batch in self._held_out.items()
             }
         self.network.train()
-        return {name: found[name] + self._of_baselines[name] for name in found}
+        return {name: [score, *self._of_baselines[name]] for name, score in scores.items()}
 
 
 def _joined(samples: Sequence[Arrays]) -> list[Tensor]:

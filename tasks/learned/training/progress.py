@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
@@ -36,15 +36,8 @@ def save_checkpoint(
     folder: Path, progress: LearningCurve, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> None:
     """Write everything on which the next steps depend."""
-    content = {
-        "step": progress.step,
-        "seconds": progress.seconds,
-        "curve": progress.curve,
-        "losses": progress.losses,
-        "network": network.state_dict(),
-        "optimizer": optimizer.state_dict(),
-    }
-    write_checkpoint(folder / CHECKPOINT_FILE, content)
+    content = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
+    write_checkpoint(folder / CHECKPOINT_FILE, {**asdict(progress), **content})
 
 
 def load_checkpoint(
@@ -54,9 +47,11 @@ def load_checkpoint(
     file = folder / CHECKPOINT_FILE
     if not file.exists():
         return LearningCurve()
-    found = read_checkpoint(file)
+    content = read_checkpoint(file)
     kind = "the checkpoint of this training (delete it to start again)"
     with reading(file, kind, TrainingError):
-        network.load_state_dict(found["network"])
-        optimizer.load_state_dict(found["optimizer"])
-        return LearningCurve(found["step"], found["seconds"], found["curve"], found["losses"])
+        network.load_state_dict(content["network"])
+        optimizer.load_state_dict(content["optimizer"])
+        return LearningCurve(
+            content["step"], content["seconds"], content["curve"], content["losses"]
+        )
