@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -85,12 +86,10 @@ def _git(root: Path, *arguments: str) -> str | None:
 
 
 def _processor() -> str:
-    try:
+    with suppress(OSError):  # not Linux
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
-    except OSError:
-        pass  # not Linux
     return platform.processor() or platform.machine()
 
 
@@ -107,7 +106,7 @@ def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     The result can be joined with further environments.
     """
     values: dict[str, dict[str, None]] = {}
-    for name, value in chain.from_iterable(map(dict.items, environments)):
+    for name, value in chain.from_iterable(each.items() for each in environments):
         values.setdefault(name, {}).update(dict.fromkeys(value.split(_BETWEEN)))
     return {name: _BETWEEN.join(several) for name, several in values.items()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,34 +163,24 @@ def _collect(
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
+    starts_s = [sensor.setting.t_start_s for sensor in sensors]
+    after = np.searchsorted(sequence.t_s, starts_s, side="right")
     with frames_ahead(sequence, len(sequence)) as ahead:
         events_of_all = stream_bank(
             frames(ahead),
             sequence.t_s,
             [sensor.setting.model for sensor in sensors],
             speeds=[sensor.setting.speed for sensor in sensors],
-            starts=[_first_frame(sequence, sensor.setting) for sensor in sensors],
+            starts=np.maximum(after - 1, 0).tolist(),  # the frame at or before it
         )
         pushes: list[Future[None]] = []
-        for batch in _batches(events_of_all):
+        for batch in chain(_batches(events_of_all), [{}]):  # the last waits for the others
             with stopwatch("collecting"):
-                _finish(pushes)
+                for push in pushes:
+                    push.result()  # raises an error of its sensor
             # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
             pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
-        with stopwatch("collecting"):
-            _finish(pushes)
-
-
-def _first_frame(sequence: RadianceSequence, setting: Setting) -> int:
-    """Return the index of the first frame that a sensor sees."""
-    return max(0, int(np.searchsorted(sequence.t_s, setting.t_start_s, side="right")) - 1)
-
-
-def _finish(pushes: Iterable[Future[None]]) -> None:
-    """Wait until the sensors have their events; raise the first error."""
-    for push in pushes:
-        push.result()
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:

@@ -16,6 +16,8 @@ from tasks.learned import cpu
 from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.eraft_network import ERAFT, ITERATIONS
 
+Float32 = NDArray[np.float32]
+
 # Images are padded to multiples of 32 px. At 96 px the coarsest level of the correlation has one
 # cell and nothing to interpolate; between, much of an image would be padding.
 MIN_PX = 128
@@ -59,9 +61,7 @@ class ERaft:
         """
         return 0
 
-    def flow(
-        self, old: NDArray[np.float32], new: NDArray[np.float32], iterations: int = ITERATIONS
-    ) -> NDArray[np.float32]:
+    def flow(self, old: Float32, new: Float32, iterations: int = ITERATIONS) -> Float32:
         """Return the flow over the new window.
 
         Parameters
@@ -75,12 +75,10 @@ class ERaft:
         """
         return cpu.run(self._flow, old, new, iterations)
 
-    def _flow(
-        self, old: NDArray[np.float32], new: NDArray[np.float32], iterations: int
-    ) -> NDArray[np.float32]:
+    def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
         _, full = self._network(*grids, iterations)
-        flow: NDArray[np.float32] = full[-1][0].numpy()
+        flow: Float32 = full[-1][0].numpy()
         return flow
 
 

@@ -9,14 +9,7 @@ from pathlib import Path
 from torch import Tensor, nn
 
 from tasks.errors import WeightsError
-from tasks.learned.checkpoint import (
-    check_bins,
-    held,
-    read_checkpoint,
-    tensors_of,
-    with_weights,
-    write_checkpoint,
-)
+from tasks.learned import checkpoint
 from tasks.learned.e2vid import E2vidNetwork, options_of
 from tasks.learned.e2vid_network import E2VIDRecurrent
 from tasks.learned.eraft import ERaft, eraft_of
@@ -54,14 +47,14 @@ def save(
         for name, tensor in network.state_dict().items()
     }
     content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
-    write_checkpoint(file, content)
+    checkpoint.write_checkpoint(file, content)
 
 
 def _reconstruction(file: Path, light: str) -> OurReconstructionNetwork:
     state = _weights(file, RECONSTRUCTION, light)
     options = options_of(state, file)
-    check_bins(options.num_bins - len(DECAYS), file)
-    network = with_weights(partial(E2VIDRecurrent, options), state, file)
+    checkpoint.check_bins(options.num_bins - len(DECAYS), file)
+    network = checkpoint.with_weights(partial(E2VIDRecurrent, options), state, file)
     return OurReconstructionNetwork(network, "our reconstruction")
 
 
@@ -78,12 +71,14 @@ flow_all_light = partial(_flow, light="all")
 
 
 def _weights(file: Path, architecture: str, light: str) -> dict[str, Tensor]:
-    content = read_checkpoint(file)
+    content = checkpoint.read_checkpoint(file)
     if not isinstance(content, Mapping) or "weights" not in content:
-        raise WeightsError(f"{file}: found {held(content)}, expected arch, light and weights")
+        raise WeightsError(
+            f"{file}: found {checkpoint.held(content)}, expected arch, light and weights"
+        )
     for name, expected in (("arch", architecture), ("light", light)):
         if content.get(name) != expected:
             raise WeightsError(
                 f"{file}: {name}: found {content.get(name)!r}, expected {expected!r}"
             )
-    return tensors_of(content["weights"], file)
+    return checkpoint.tensors_of(content["weights"], file)

@@ -25,6 +25,8 @@ from tasks.flow import REACH_SIGMAS, FlowEstimate, FlowSample
 from tasks.numerics import bicubic
 from tasks.numerics.compiling import jit, jit_contract
 
+Float64 = NDArray[np.float64]
+
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
@@ -68,7 +70,7 @@ def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
 
 
 # From events, log image, start, lower and upper bounds to the unknowns, and whether it converged.
-_Search = Callable[..., tuple[NDArray[np.float64], bool]]
+_Search = Callable[..., tuple[Float64, bool]]
 
 
 def _estimate(
@@ -106,9 +108,7 @@ def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]
     return chosen[np.argsort(pixel.astype(np.min_scalar_type(size)), kind="stable")]
 
 
-def _best_gain(
-    events: NDArray[np.float64], L: NDArray[np.float64], unknowns: NDArray[np.float64]
-) -> float:
+def _best_gain(events: Float64, L: Float64, unknowns: Float64) -> float:
     """Return 1 / C of least cost at a flow: Eq. (12) for the scale-free objective.
 
     The cost is a parabola in 1 / C, so one Newton step from any point finds its vertex.
@@ -119,18 +119,14 @@ def _best_gain(
 
 
 def _steepest_descent(
-    events: NDArray[np.float64],
-    L: NDArray[np.float64],
-    start: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], bool]:
+    events: Float64, L: Float64, start: Float64, lower: Float64, upper: Float64
+) -> tuple[Float64, bool]:
     """Return the unknowns at which steps against the gradient end, and whether there is a gradient.
 
     The step length doubles after a step that lowers the cost, and halves otherwise.
     """
 
-    def at(flow: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    def at(flow: Float64) -> tuple[Float64, float, Float64]:
         unknowns = np.array([*flow, start[2], 0.0])
         unknowns[2] = np.clip(_best_gain(events, L, unknowns), lower[2], upper[2])
         cost, gradient, _ = normal_equations(events, L, unknowns)
@@ -144,9 +140,9 @@ def _steepest_descent(
         slope = np.hypot(*gradient)
         if step_px < _CONVERGED_PX or slope == 0:
             break
-        trial, trial_cost, trial_gradient = at(best[:2] - step_px * gradient / slope)
-        if trial_cost < cost:
-            best, cost, gradient = trial, trial_cost, trial_gradient
+        trial = at(best[:2] - step_px * gradient / slope)
+        if trial[1] < cost:
+            best, cost, gradient = trial
             step_px *= 2
         else:
             step_px /= 2

@@ -42,7 +42,11 @@ from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
 from tasks.learned.training.flow import Flow  # noqa: E402
-from tasks.learned.training.progress import LearningCurve, load_checkpoint, save_checkpoint  # noqa: E402
+from tasks.learned.training.loop import (  # noqa: E402
+    LearningCurve,
+    load_checkpoint,
+    save_checkpoint,
+)
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 

@@ -7,15 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tasks.errors import TrainingError
-from tasks.learned.training.run_folder import (
-    WEIGHTS_FILE,
-    Description,
-    FinalScores,
-    read_description,
-    read_scores,
-)
+from tasks.learned.training import run_folder as files
 
-Run = tuple[Path, Description, FinalScores]
+Run = tuple[Path, files.Description, files.FinalScores]
 
 _LIMITS = """\
 - Trained on random textures on a plane that moves in front of the camera. There are no depth edges,
@@ -32,11 +26,13 @@ def card(folders: Sequence[Path]) -> str:
     parts = ["# Networks of our own"]
     alike: dict[tuple[str, str], list[Run]] = {}
     for folder in folders:
-        description = read_description(folder)
-        if not (folder / WEIGHTS_FILE).exists():
-            raise TrainingError(f"{folder}: found no {WEIGHTS_FILE}, expected a finished training")
+        description = files.read_description(folder)
+        if not (folder / files.WEIGHTS_FILE).exists():
+            raise TrainingError(
+                f"{folder}: found no {files.WEIGHTS_FILE}, expected a finished training"
+            )
         kind = description.settings["task"], _settings(description)
-        alike.setdefault(kind, []).append((folder, description, read_scores(folder)))
+        alike.setdefault(kind, []).append((folder, description, files.read_scores(folder)))
     for (task, settings), runs in alike.items():
         command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
         again = f"{command} with the settings below trains a network of the table again."
@@ -67,7 +63,7 @@ def _origins(runs: Sequence[Run]) -> list[str]:
         # Older trainings name only the device of their last steps, with the scores.
         origin = {"device": scores.device, **description.made_with}
         made_with = ", ".join(f"{k} {v}" for k, v in origin.items())
-        megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
+        megabytes = (folder / files.WEIGHTS_FILE).stat().st_size / 1e6
         steps = f"{scores.steps} steps, {megabytes:.2f} MB"
         settings = description.settings
         name = f"{settings['light']} light, seed {settings['seed']}"
@@ -75,7 +71,7 @@ def _origins(runs: Sequence[Run]) -> list[str]:
     return [f"{'; '.join(names)}: {origin}" for origin, names in origins.items()]
 
 
-def _settings(description: Description) -> str:
+def _settings(description: files.Description) -> str:
     """Return the settings that twins and seeds share, as a block of JSON."""
     shared = {k: v for k, v in description.settings.items() if k not in ("light", "seed")}
     return f"```json\n{json.dumps(shared, indent=2)}\n```"

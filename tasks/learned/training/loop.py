@@ -10,35 +10,75 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from eres_render.cores import cores
+from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
 from tasks.errors import TrainingError
-from tasks.learned.checkpoint import read_checkpoint
+from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
+from tasks.learned.training import run_folder as files
 from tasks.learned.training.curve import draw_curve
 from tasks.learned.training.problem import Problem
-from tasks.learned.training.progress import LearningCurve, load_checkpoint, save_checkpoint
-from tasks.learned.training.run_folder import (
-    PICTURE_FILE,
-    SCORES_FILE,
-    WEIGHTS_FILE,
-    read_scores,
-    write_curve,
-)
 from tasks.learned.training.settings import Schedule
 
 Scores = dict[str, list[float]]
 
 _logger = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class LearningCurve:
+    """How far a training is.
+
+    Parameters
+    ----------
+    seconds
+        Time that these took, s.
+    curve
+        Step, seconds, loss and scores of each validation, by name.
+    """
+
+    step: int = 0
+    seconds: float = 0.0
+    curve: list[files.Row] = field(default_factory=list)
+    losses: list[float] = field(default_factory=list)
+
+
+def save_checkpoint(
+    folder: Path,
+    progress: LearningCurve,
+    network: nn.Module,
+    optimizer: Optimizer,
+) -> None:
+    """Write everything on which the next steps depend."""
+    content = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
+    write_checkpoint(folder / files.CHECKPOINT_FILE, {**asdict(progress), **content})
+
+
+def load_checkpoint(folder: Path, network: nn.Module, optimizer: Optimizer) -> LearningCurve:
+    """Load the last checkpoint, if there is one."""
+    file = folder / files.CHECKPOINT_FILE
+    if not file.exists():
+        return LearningCurve()
+    content = read_checkpoint(file)
+    kind = "the checkpoint of this training (delete it to start again)"
+    with reading(file, kind, TrainingError):
+        network.load_state_dict(content["network"])
+        optimizer.load_state_dict(content["optimizer"])
+        return LearningCurve(
+            content["step"], content["seconds"], content["curve"], content["losses"]
+        )
 
 
 def train(
@@ -54,9 +94,9 @@ def train(
     On the processor of the same machine, with the same number of threads, an interrupted training
     ends with the same weights as an uninterrupted one.
     """
-    if (folder / WEIGHTS_FILE).exists():
-        read_checkpoint(folder / WEIGHTS_FILE)  # it may be damaged
-        return {light: list(scores) for light, scores in read_scores(folder).scores.items()}
+    if (folder / files.WEIGHTS_FILE).exists():
+        read_checkpoint(folder / files.WEIGHTS_FILE)  # it may be damaged
+        return {light: list(scores) for light, scores in files.read_scores(folder).scores.items()}
     place = device_of(device)
     problem.network.to(place).train()
     optimizer = optimizer_of(problem, schedule)
@@ -89,9 +129,9 @@ def train(
         "steps": progress.step,
         "device": place.type,
     }
-    write_text(folder / SCORES_FILE, json.dumps(content, indent=2) + "\n")
+    write_text(folder / files.SCORES_FILE, json.dumps(content, indent=2) + "\n")
     origin = {"seed": problem.seed, "steps": progress.step}
-    save(folder / WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
+    save(folder / files.WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
     return scores
 
 
@@ -135,7 +175,7 @@ def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[lis
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
+def optimizer_of(problem: Problem, schedule: Schedule) -> Optimizer:
     """Return the optimizer of a training."""
     return torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
 
@@ -143,7 +183,7 @@ def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
 def learn(
     problem: Problem,
     schedule: Schedule,
-    optimizer: torch.optim.Optimizer,
+    optimizer: Optimizer,
     step: int,
     batch: list[Tensor],
     place: torch.device,
@@ -191,8 +231,8 @@ def _validate(
         for name, value in zip(("network", *problem.baselines), values, strict=True):
             row[f"{light}, {name}"] = value
     progress.curve.append(row)
-    write_curve(folder, progress.curve)
-    draw_curve(folder / PICTURE_FILE, progress.curve, problem.score)
+    files.write_curve(folder, progress.curve)
+    draw_curve(folder / files.PICTURE_FILE, progress.curve, problem.score)
     _logger.info(_in_words(progress, problem))
     return scores
 
@@ -212,7 +252,7 @@ def _in_words(progress: LearningCurve, problem: Problem) -> str:
     return ", ".join(words)
 
 
-def _round_to_half(network: torch.nn.Module) -> None:
+def _round_to_half(network: nn.Module) -> None:
     """Round the weights to half precision, as they are stored."""
     with torch.no_grad():
         for tensor in network.state_dict().values():

@@ -68,7 +68,10 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
             f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
             "largest delay to search"
         )
-    begun, blur_px = _begun(sample)
+    start = _start_of(sample)
+    begun, blur_px = sample.initial, _blur_px(sample)
+    if not start.failure and start.result[3]:
+        begun, blur_px = start.result[0], _EXTRAPOLATION_PX
     late = _extended(begun, sample.max_delay_us)
     events_end_us = round(1e6 * sample.initial.duration_s) + sample.max_delay_us
     problem, failure = problem_of(sample, min(knots_us(late)[1], events_end_us))
@@ -90,17 +93,6 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
 def _blur_px(sample: TrackingSample) -> float:
     """Return how far the perturbation of the initial path moves the image, px."""
     return sample.camera.focal_px * sample.initial_sigma_m / distance_m(sample)
-
-
-def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
-    """Estimate a path without delay and without the finest level; return it and its error in px.
-
-    The path is the initial one if the search does not converge.
-    """
-    start = _start_of(sample)
-    if not start.failure and start.result[3]:
-        return start.result[0], _EXTRAPOLATION_PX
-    return sample.initial, _blur_px(sample)
 
 
 class _Start(NamedTuple):
