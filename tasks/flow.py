@@ -48,8 +48,8 @@ class FlowSample:
     center_px
         (2,) float64, the feature at the window's start.
     patch
-        (2, 2) int64: first column and row of the patch of the events, and those after its last. It
-        is a square of `patch_px`, cut at the edge of the sensor.
+        (2, 2) int64: first column and row of the events' patch, then the column and row after its
+        last. It is a square of `patch_px`, cut at the edge of the sensor.
     initial
         (2,) float64, flow from which to start the search, px per window.
     initial_sigma_px
@@ -78,7 +78,7 @@ class FlowEstimate:
     flow
         (2,) float64, px per window at the sensor's resolution; the initial flow after a failure.
     failure
-        Reason of a failure, or "". Failures are counted, not dropped.
+        Reason for a failure, or "". Failures are counted, not dropped.
     delay
         Delay of the events, in windows, if the method estimates it.
     """
@@ -313,7 +313,7 @@ def patch(
 
     Returns
     -------
-    (2, 2): first column and row, and those after the last.
+    (2, 2): first column and row, then the column and row after the last.
     """
     first = np.floor(center_px - 0.5 * side_px + 0.5).astype(np.int64)
     return np.clip(np.stack([first, first + side_px]), 0, (width, height))

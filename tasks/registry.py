@@ -31,20 +31,22 @@ class ShareColumn:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """How long a method takes, in seconds of one core, to foretell the cost of a study.
+    """How long a method takes, in seconds of one core; the estimate of a study's cost uses it.
 
-    Rough means over scenes and lights of the runs in docs/results, whose jobs list their times, on
-    two virtual servers: `python benchmarks/study_costs.py RUN STUDY`. Those of networks are of
-    `python benchmarks/bench_networks.py`.
+    The values are rough means over the scenes and lights of the runs in docs/results, on two
+    virtual servers: `python benchmarks/study_costs.py RUN STUDY` prints them. The values of
+    networks come from `python benchmarks/bench_networks.py`.
 
     Attributes
     ----------
     answer_s
-        Of one answer at 1280 px, for video one image; it is proportional to the number of pixels.
+        For one answer at 1280 px, or one image of a video. It is proportional to the number of
+        pixels.
     window_s
-        Of one window at 1280 px, for networks of video.
+        For one window at 1280 px, of networks for video.
     path_s, event_s
-        Of one path from the nearest of the study's starts: a fixed part, and one for each event.
+        For one path from the nearest of the study's starts: a fixed part, and a part for each
+        event.
     """
 
     answer_s: float = 0.0
@@ -73,8 +75,8 @@ class MethodSpec:
     network
         Place of the function that reads a file of weights, for a method that needs one.
     needs
-        "threshold": the contrast threshold; "light": the image at the start of each window;
-        "guess": a start near the answer, as it searches for the nearest minimum.
+        "threshold": the contrast threshold. "light": the image at the start of each window.
+        "guess": a start near the answer, as the method searches for the nearest minimum.
     on_recordings
         Whether it runs on a recording by default.
     delay
@@ -116,8 +118,8 @@ class TaskSpec:
         Place of the class that turns events into scores: a `Scorer`, made from a `Source` and the
         settings.
     needs
-        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", what an
-        event is worth between two frames. Recordings have the latter two estimated.
+        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", which
+        is what an event is worth between two frames. For recordings the last two are estimated.
     settings
         Place of the class of its settings: `TaskSettings`, or a class derived from it.
     sample
@@ -139,7 +141,7 @@ class TaskSpec:
     summary: str = ""
 
     def method(self, name: str) -> MethodSpec:
-        """Return what is known of a method; of a ``module:function``, that is its place."""
+        """Return the facts about a method; a ``module:function`` has only its place."""
         spec = self.methods.get(name, name)
         return MethodSpec(spec) if isinstance(spec, str) else spec
 
@@ -153,7 +155,7 @@ class TaskSpec:
         return self.method(method).label or words
 
     def cost(self, method: str) -> Cost:
-        """Return the cost of a method; if not known, the mean answer or the first path."""
+        """Return the cost of a method, or an estimate from the other methods of the task."""
         if (known := self.method(method).cost) is not None:
             return known
         costs = [cost for name in self.methods if (cost := self.method(name).cost)]

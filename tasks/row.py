@@ -59,7 +59,7 @@ class Row:
     event_rate_hz: float  # events per second of the whole sensor in the scored window
     variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
     item: int = 0  # feature or trial within the sample
-    failure: str = ""  # reason of a failure, whose value is that of its start, or where it ended
+    failure: str = ""  # reason for a failure; the value is then that of its start or end
     photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; arbitrary for ideal pixels
     sensor: str = ""  # name of the sensor; "" for one of the study's widths
     illuminance_lux: float = 0.0  # light on the scene; 0 if the light is given as a cutoff

@@ -109,7 +109,7 @@ class TrackingEstimate:
         The camera's path from time 0, at least as long as the initial one; the initial one after a
         failure.
     failure
-        Reason of a failure, or "". Failures are counted, not dropped.
+        Reason for a failure, or "". Failures are counted, not dropped.
     diagnostics
         Diagnostics of the search; None if there was none.
     """

@@ -90,9 +90,8 @@ def converge(
     """
     start_s = 0.5 * scene.duration_s
     if not 0 < duration_s <= start_s:
-        raise TaskError(
-            f"duration: found {duration_s} s, expected (0, {start_s:g}] s, half the path"
-        )
+        most = f"at most {start_s:g} s, half the path"
+        raise TaskError(f"duration: found {duration_s} s, expected more than 0 and {most}")
     base = Renderer(scene, resolution, FINEST.spp)
     marks_s = max(0.0, start_s - WARM_UP_S), start_s, start_s + duration_s
     log_truth: NDArray[np.float64] | None = None

@@ -70,10 +70,7 @@ def evaluate(
         stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
         with stopwatch("scoring"):
             scored = _score(sensors, workers, on_progress)
-    rows = [
-        row_of(task, sensor.source, score, sensor.event_rate_hz, sensor.dropped)
-        for sensor, task, score in scored
-    ]
+    rows = [sensor.row(task, score) for sensor, task, score in scored]
     rendered = sequence.rendered.since(at_start)
     timings = _timings(sequence, sensors, scored, stopwatch.seconds, rendered)
     return Evaluation(rows, timings, reference)
@@ -101,16 +98,6 @@ class _Sensor:
             for name, task in tasks.items()
             if task.methods
         }
-
-    @property
-    def event_rate_hz(self) -> float:
-        """Events per second that the pixels fire in the window."""
-        return self._in_window / self.source.window.seconds
-
-    @property
-    def dropped(self) -> float:
-        """Share of the window's events that the bus lost."""
-        return self._dropped / self._in_window if self._dropped else 0.0
 
     def push(self, events: Events) -> None:
         """Add the next events that the pixels fire, those of the warm-up included."""
@@ -142,6 +129,12 @@ class _Sensor:
         return [
             (task, score) for task, scorer in self._scorers.items() for score in scorer.scores()
         ]
+
+    def row(self, task: str, score: Score) -> Row:
+        """Return a score as a row."""
+        rate_hz = self._in_window / self.source.window.seconds
+        dropped = self._dropped / self._in_window if self._dropped else 0.0
+        return row_of(task, self.source, score, rate_hz, dropped)
 
 
 _Scored = tuple[_Sensor, str, Score]

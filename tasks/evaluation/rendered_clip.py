@@ -96,12 +96,35 @@ class RenderedClip(Source):
 
     def path(self, task: Tracking) -> Trajectory:
         """Return the true path, in the events' time: a faster camera runs through it sooner."""
-        reference = self.reference
-        start_s = reference.sequence.window_s[0]
-        _check_path(start_s, reference.truth.trajectory.duration_s, self.speed)
+        self._check_path()
         path = path_at(self.pose, 0.0)
-        _check_frames(reference, self.setting, task, round(path.duration_s * 1e6))
+        self._check_frames(round(path.duration_s * 1e6), task.delay_us)
         return path
+
+    def _check_path(self) -> None:
+        """Raise if the scene's path has no spare knot before and after the window's path."""
+        start_s, speed = self.reference.sequence.window_s[0], self.speed
+        end_s = self.reference.truth.trajectory.duration_s
+        first_s = start_s - KNOT_INTERVAL_S * speed
+        last_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
+        if first_s < -1e-9 or end_s < last_s - 1e-9:
+            raise TaskError(
+                f"tracking: the scene's path lasts from 0 to {end_s:g} s, expected at speed "
+                f"{speed:g} all of {first_s:g} to {last_s:g} s, the tracked path and a knot on "
+                "each side; lower the speed, or render clips, without --continuous"
+            )
+
+    def _check_frames(self, duration_us: int, delay_us: int) -> None:
+        """Raise if the frames end before the path, or before its last events come."""
+        end_s = float(self.reference.sequence.t_s[-1])
+        shown_us = round(1e6 * end_s / self.speed) - self.window.start_us
+        if duration_us + delay_us > shown_us + 1:
+            delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
+            raise TaskError(
+                f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window "
+                f"on, at speed {self.speed:g}, expected {1e-3 * duration_us:g} ms for the "
+                f"path{delayed}; lower the speed"
+            )
 
     def pose(self, t_s: Float64) -> Float64:
         truth, start_s = self.reference.truth, self.reference.sequence.window_s[0]
@@ -148,30 +171,3 @@ def farther(T_world_cam: Float64, plane: Plane, times: float) -> Float64:
     distance_m = moved[..., :3, 3] @ normal - plane.offset_m
     moved[..., :3, 3] += (times - 1) * distance_m[..., None] * normal
     return moved
-
-
-def _check_path(start_s: float, end_s: float, speed: float) -> None:
-    """Raise if the scene's path has no spare knot before and after the window's path."""
-    first_s = start_s - KNOT_INTERVAL_S * speed
-    last_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
-    if first_s < -1e-9 or end_s < last_s - 1e-9:
-        raise TaskError(
-            f"tracking: the scene's path lasts from 0 to {end_s:g} s, expected at speed {speed:g} "
-            f"all of {first_s:g} to {last_s:g} s, the tracked path and a knot on each side; lower "
-            "the speed, or render clips, without --continuous"
-        )
-
-
-def _check_frames(
-    reference: ReferenceFrames, setting: Setting, task: Tracking, duration_us: int
-) -> None:
-    """Raise if the frames end before the path, or before its last events come."""
-    shown_us = round(1e6 * float(reference.sequence.t_s[-1]) / setting.speed) - setting.start_us
-    delay_us = task.delay_us
-    if duration_us + delay_us > shown_us + 1:
-        delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
-        raise TaskError(
-            f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window on, at "
-            f"speed {setting.speed:g}, expected {1e-3 * duration_us:g} ms for the path{delayed}; "
-            "lower the speed"
-        )

@@ -124,7 +124,7 @@ class Source:
     off_weight
         What an OFF event is worth, in units of C.
     speed
-        Factor by which the scene is faster than its own time.
+        Factor by which the scene moves faster than it was rendered.
     search_from
         Where searches start.
     parts

@@ -81,15 +81,16 @@ def task_of(name: str) -> str:
     Raises
     ------
     TaskError
-        No task or several have a method of that name, or the first parameter is of no task.
+        No task or several tasks have a method of that name, or the type of the first parameter
+        belongs to no task.
     """
     if ":" not in name:
         tasks = [task for task in TASKS if name in TASKS[task].methods]
         if len(tasks) == 1:
             return tasks[0]
         known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
-        reason = f"{' and '.join(tasks)} have one" if tasks else suggestion(name, known)
-        raise TaskError(f"no method {name!r} of one task: {reason}")
+        several = f"method {name!r} is of several tasks: {', '.join(tasks)}"
+        raise TaskError(several if tasks else f"no method {name!r}, {suggestion(name, known)}")
     function = load_method(next(iter(TASKS)), name)
     if not (told := _told_tasks(function)):
         expected = ", ".join(sample.__name__ for sample in _samples().values())
@@ -235,9 +236,9 @@ def versions() -> dict[str, int]:
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
     """Identify the code of methods, and the weights of their networks, to detect changes.
 
-    Our methods have a number, the `version` of their `MethodSpec`; a user's method is identified by
-    the SHA-256 of the file that its name gives, and of the one that defines it if that is another;
-    weights by theirs.
+    Our methods have a number, the `version` of their `MethodSpec`. A user's method is identified by
+    the SHA-256 of the file that its name gives and, if another file defines it, of that file.
+    Weights are identified by the SHA-256 of their file.
 
     Parameters
     ----------

@@ -8,8 +8,8 @@ Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Even
 so an event after dt multiplies L by exp(-omega dt) and adds p C. This is a high-pass filter, with
 its -3 dB point at omega rad/s, of the signal that the events sample. The authors' program, from
 which our defaults are, has the cutoff in Hz, omega = 2 pi f, and also multiplies L by exp(-d) at
-each event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s, and 0.06 per event is
-one of 17 events, which matters more at busy pixels.
+each event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s. 0.06 per event is a
+constant of 17 events, which matters more at busy pixels.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def evaluate_recording(
     recording
         The events.
     task
-        Name of a task that does without poses: "reconstruction" and "video" need frames.
+        Name of a task that needs no poses. "reconstruction" and "video" need frames.
     frames
         Frames of the same camera.
     methods

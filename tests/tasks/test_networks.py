@@ -245,9 +245,9 @@ def test_methods_are_listed_without_torch(eres):
     )
     assert "e2vid" in TASKS["video"].usual(["e2vid"])
     assert task_of("e2vid") == "video"
-    with pytest.raises(TaskError, match=r"^no method 'erafd' of one task: did you mean 'eraft'"):
+    with pytest.raises(TaskError, match=r"^no method 'erafd', did you mean 'eraft'"):
         task_of("erafd")
-    with pytest.raises(TaskError, match="'initial_flow' of one task: flow and dense_flow have one"):
+    with pytest.raises(TaskError, match="'initial_flow' is of several tasks: flow, dense_flow"):
         task_of("initial_flow")
 
 

@@ -21,6 +21,8 @@ from tasks.provenance import together
 SETTINGS_FILE, CURVE_FILE, PICTURE_FILE = "training.json", "curve.csv", "curve.png"
 CHECKPOINT_FILE, WEIGHTS_FILE, SCORES_FILE = "checkpoint.pt", "weights.pt", "scores.json"
 
+_TRAINED = WEIGHTS_FILE, CHECKPOINT_FILE  # what a training leaves, besides its settings
+
 _logger = logging.getLogger(__name__)
 
 Row = dict[str, float]
@@ -89,22 +91,16 @@ def opened(
                 if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
                     made_with = _with_earlier_starts(folder, made_with)
                     _write(file, read_description(folder).settings, made_with)
+            elif untold := [name for name in _TRAINED if (folder / name).exists()]:
+                raise TrainingError(
+                    f"{file}: missing, expected the settings that {untold[0]} was trained with; "
+                    "choose another folder"
+                )
             else:
-                _check_untrained(folder)
                 _write(file, settings, made_with)
             yield
     except LockedError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
-
-
-def _check_untrained(folder: Path) -> None:
-    """Refuse weights or a checkpoint of settings that nobody knows."""
-    for name in (WEIGHTS_FILE, CHECKPOINT_FILE):
-        if (folder / name).exists():
-            raise TrainingError(
-                f"{folder / SETTINGS_FILE}: missing, expected the settings that {name} was trained "
-                "with; choose another folder"
-            )
 
 
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
