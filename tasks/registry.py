@@ -205,7 +205,8 @@ _NEAR_C: tuple[Need, ...] = ("threshold", *_NEAR)
 _baseline = partial(_method, role="baseline", needs=(), cost=Cost())
 _diagnostic = partial(_method, role="diagnostic", needs=())
 _extension = partial(_method, ours=True)
-_with_delay = partial(_extension, version=3, needs=_NEAR_C, delay=True)
+_near = partial(_method, needs=_NEAR_C)
+_with_delay = partial(_near, version=3, ours=True, delay=True)
 _contrast = partial(_method, version=2, needs=())
 _video_net = partial(
     _method, "our_reconstruction:OurReconstruction", version=2, cost=Cost(window_s=2.9)
@@ -268,19 +269,15 @@ TASKS["flow"] = TaskSpec(
     title="optical flow",
     summary="end-point error of 20 patches",
     methods={
-        "photometric_flow": _method(
-            "photometric_flow:estimate", version=3, needs=_NEAR_C, cost=Cost(0.04)
-        ),
+        "photometric_flow": _near("photometric_flow:estimate", version=3, cost=Cost(0.04)),
         "photometric_flow_unknown_contrast": _extension(
             "photometric_flow:estimate_unknown_contrast", version=3, needs=_NEAR, cost=Cost(0.015)
         ),
         "photometric_flow_by_descent": _extension(
             "photometric_flow:estimate_by_descent", version=2, needs=_NEAR, cost=Cost(0.05)
         ),
-        "photometric_flow_with_delay": _with_delay(
-            "photometric_flow:estimate_with_delay",
-            on_recordings=False,  # clocks and exposures hide the delay
-            cost=Cost(0.03),
+        "photometric_flow_with_delay": _with_delay(  # clocks and exposures of recordings hide it
+            "photometric_flow:estimate_with_delay", on_recordings=False, cost=Cost(0.03)
         ),
         "contrast_maximization": _contrast("contrast_maximization:estimate", cost=Cost(0.012)),
         "contrast_maximization_by_gradient": _contrast(
@@ -326,11 +323,8 @@ TASKS["tracking"] = TaskSpec(
     title="pose tracking",
     summary="position error over the first 14 ms, in planar scenes",
     methods={
-        "photometric_tracking": _method(
-            "photometric_tracking:estimate",
-            version=2,
-            needs=_NEAR_C,
-            cost=Cost(path_s=0.13, event_s=2.2e-6),
+        "photometric_tracking": _near(
+            "photometric_tracking:estimate", version=2, cost=Cost(path_s=0.13, event_s=2.2e-6)
         ),
         "photometric_tracking_with_delay": _with_delay(
             "photometric_tracking:estimate_with_delay", cost=Cost(path_s=0.21, event_s=3.9e-6)

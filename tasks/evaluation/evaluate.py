@@ -16,7 +16,7 @@ from eres_render.progress import Progress
 from eres_render.sequence.sequence import Rendered
 from sensor import Events, stream_bank
 from sensor.readout import Sender
-from tasks.evaluation.frames_ahead import frames_ahead
+from tasks.ahead import made_ahead
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
@@ -28,6 +28,8 @@ from tasks.registry import TASKS, load
 from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
+
+FRAMES_AHEAD = 12  # as many as sensors take at once, so that neither side waits for the other
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -158,7 +160,9 @@ def _collect(
 
     starts_s = [sensor.setting.t_start_s for sensor in sensors]
     after = np.searchsorted(sequence.t_s, starts_s, side="right")
-    with frames_ahead(sequence, len(sequence)) as ahead:
+    source, count = iter(sequence), len(sequence)
+    # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
+    with made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD) as ahead:
         events_of_all = stream_bank(
             frames(ahead),
             sequence.t_s,

@@ -6,10 +6,6 @@ import json
 import logging
 import math
 import time
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -23,6 +19,7 @@ from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
+from tasks.ahead import made_ahead
 from tasks.errors import TrainingError
 from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
@@ -105,7 +102,8 @@ def train(
     problem.hold_out()
     saved_s = started_s = time.monotonic()
     before_s = progress.seconds
-    with _made_ahead(problem, progress.step, schedule.steps) as batches:
+    steps, threads = range(progress.step, schedule.steps), cores()
+    with made_ahead(problem.batch, steps, threads=threads, most=threads + 1) as batches:
         for batch in batches:
             loss = learn(problem, schedule, optimizer, progress.step, batch, place)
             progress.losses.append(loss)
@@ -154,25 +152,6 @@ def device_of(name: str | None) -> torch.device:
     if name == "cuda" and not has_cuda:
         raise TrainingError("device: PyTorch has no GPU, which 'cuda' needs")
     return torch.device(name or ("cuda" if has_cuda else "cpu"))
-
-
-@contextmanager
-def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[list[Tensor]]]:
-    """Provide the batches of all steps in order; threads make them ahead."""
-    threads = cores()
-    with ThreadPoolExecutor(threads, "crops") as pool:
-        ahead: deque[Future[list[Tensor]]] = deque()
-
-        def batches() -> Iterator[list[Tensor]]:
-            for step in range(start, end):
-                while len(ahead) < min(threads + 1, end - step):
-                    ahead.append(pool.submit(problem.batch, step + len(ahead)))
-                yield ahead.popleft().result()
-
-        try:
-            yield batches()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def optimizer_of(problem: Problem, schedule: Schedule) -> Optimizer:
