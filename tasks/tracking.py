@@ -35,7 +35,7 @@ class TrackingSample:
     x, y
         (N,) uint16, pixel of each event. Events are sorted by pixel (y, x), then by time.
     t_us
-        (N,) int32, at least 0 and less than the path's duration and `max_delay_us` together.
+        (N,) int32, from 0 to below the sum of the path's duration and `max_delay_us`.
     t_before_us
         (N,) int32, time of the previous event at the pixel, which is also the previous one in
         these arrays; -1 for the first of a pixel.
@@ -257,7 +257,7 @@ def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
 
     Returns
     -------
-    (height, width) int32, which is not to be changed.
+    (height, width) int32, read-only.
     """
     ranks = np.random.default_rng(seed).permutation(height * width).astype(np.int32)
     ranks.flags.writeable = False
@@ -265,7 +265,7 @@ def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
 
 
 def most_pixels(rank: NDArray[np.int32], max_events: int) -> int:
-    """Return how many pixels in the order of their ranks have at most max_events events in all.
+    """Return how many pixels of the lowest ranks have at most max_events events together.
 
     Parameters
     ----------

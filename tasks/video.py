@@ -70,7 +70,7 @@ class ImageTaker:
         self._due = list(times_us)
 
     def take(self, events: Events) -> Iterator[tuple[int, Float64]]:
-        """Pass the events on as far as the caller iterates, to the end; yield what is due.
+        """Pass the events on to the method, and yield each image that is due; iterate to the end.
 
         Parameters
         ----------
