@@ -32,18 +32,10 @@ class RenderedClip(Source):
         self.size = self.model.width, self.model.height
         self.contrast_threshold = self.model.contrast_threshold
         self.off_weight = self.model.off_threshold / self.model.contrast_threshold
-
-    def log_image(self) -> Float64:
-        return self.reference.log_image(self.model)
-
-    def log_start(self) -> Float64:
-        return self.reference.log_start(self.model)
-
-    def log_end(self) -> Float64:
-        return self.reference.log_end(self.model)
-
-    def log_white(self) -> float:
-        return self.reference.log_white(self.model)
+        self.log_image = lambda: reference.log_image(setting.model)
+        self.log_start = lambda: reference.log_start(setting.model)
+        self.log_end = lambda: reference.log_end(setting.model)
+        self.log_white = lambda: reference.log_white(setting.model)
 
     def before_us(self) -> int:
         sequence = self.reference.sequence

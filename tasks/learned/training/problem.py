@@ -44,6 +44,9 @@ class Problem(ABC):
         self.network, self.light, self.seed = network, light, seed
         self._crops, self._schedule = settings.crops, settings.schedule
         self._windows = settings.windows
+        # What the held-out crops look like, and the number of windows before theirs.
+        self.held_out_crops: Crops = settings.crops
+        self.held_out_run_in = 0
         self._held_out: dict[str, list[Tensor]] = {}
         self._of_baselines: dict[str, list[float]] = {}
 
@@ -77,20 +80,12 @@ class Problem(ABC):
 
         It is that of a step, of the held-out crops of all lights, and of scoring those of a light.
         """
-        held_out_px = self._schedule.validation_crops * self.held_out_crops().side_px ** 2
+        held_out_px = self._schedule.validation_crops * self.held_out_crops.side_px**2
         held_out = 4 * self.values_per_px * len(LIGHTS) + _BYTES_PER_SCORED_PX
         return self.step_bytes() + held_out * held_out_px
 
     def run_in(self, step: int) -> int:
         """Return the number of windows before those from which a step learns."""
-        return 0
-
-    def held_out_crops(self) -> Crops:
-        """Return what the held-out crops look like."""
-        return self._crops
-
-    def held_out_run_in(self) -> int:
-        """Return the number of windows before those of the held-out crops."""
         return 0
 
     def batch(self, step: int) -> list[Tensor]:
@@ -105,7 +100,7 @@ class Problem(ABC):
 
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
-        crops, run_in = self.held_out_crops(), self.held_out_run_in()
+        crops, run_in = self.held_out_crops, self.held_out_run_in
         windows = run_in + self._windows
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []

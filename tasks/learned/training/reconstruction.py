@@ -20,7 +20,7 @@ from tasks.methods.our_reconstruction import DECAYS
 from tasks.psnr import psnr_db
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
-from tasks.random_crops.settings import CropLight, Crops
+from tasks.random_crops.settings import CropLight
 from tasks.video import VideoMethod, picture
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
@@ -60,19 +60,14 @@ class Reconstruction(Problem):
         _start_as_the_filter(network)
         super().__init__(network, settings, light, seed)
         self._settings = settings
+        # As large as the area of the ranks, a tile at 1280 px.
+        self.held_out_crops = replace(settings.crops, side_px=settings.ranked_px)
+        self.held_out_run_in = settings.run_in_windows // 2
 
     def run_in(self, step: int) -> int:
         """As `Problem.run_in`."""
         drawn = np.random.SeedSequence([self.seed], spawn_key=(step, 0))
         return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
-
-    def held_out_crops(self) -> Crops:
-        """As `Problem.held_out_crops`: as large as the area of the ranks, a tile at 1280 px."""
-        return replace(self._settings.crops, side_px=self._settings.ranked_px)
-
-    def held_out_run_in(self) -> int:
-        """As `Problem.held_out_run_in`."""
-        return self._settings.run_in_windows // 2
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
         """As `Problem.sample`."""

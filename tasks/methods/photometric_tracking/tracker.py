@@ -141,15 +141,15 @@ def _judge(
     diagnostics = TrackingDiagnostics(
         state.cost / problem.residuals, passes, problem.residuals, state.outside
     )
-    if not math.isfinite(state.cost):
-        return diagnostics, "the cost is not finite"
-    if state.outside > (1 - _MIN_INSIDE) * problem.residuals:
-        left = f"{state.outside} of {problem.residuals} events left the reference view"
-        return diagnostics, left
     huber = HUBER_IN_C * sample.contrast_threshold
-    if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
-        return diagnostics, "explains the events no better than standing still"
-    return diagnostics, "" if converged else f"no convergence in {passes} passes"
+    failure = "" if converged else f"no convergence in {passes} passes"
+    if not math.isfinite(state.cost):
+        failure = "the cost is not finite"
+    elif state.outside > (1 - _MIN_INSIDE) * problem.residuals:
+        failure = f"{state.outside} of {problem.residuals} events left the reference view"
+    elif diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
+        failure = "explains the events no better than standing still"
+    return diagnostics, failure
 
 
 def _extended(path: Trajectory, by_us: int) -> Trajectory:
