@@ -16,7 +16,7 @@ from eres_render.progress import Progress, silent
 from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
-from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video
+from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video, check_methods
 from tasks.evaluation.source import ALL, check_needs, score_stored
 from tasks.flow import INITIAL_SIGMA_PX
 from tasks.rig.cells import in_cells
@@ -117,6 +117,8 @@ def evaluate_rig(
         check_needs(task, folders[0], "a crop", ALL)
     paths = {path.resolve(): path for folder in folders for path in crops_in(folder)}  # each once
     crops = {path: read_crop(path) for path in paths.values()}
+    for size in {(cropped.width, cropped.height) for cropped in crops.values()}:
+        check_methods(every, [size])
     prints = prints_of(crops, settings.places, settings.travel_m)
     rows_of_crops: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
