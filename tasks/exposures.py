@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,16 +53,12 @@ def read_exposures(folder: Path) -> list[Exposure]:
 
 
 def _exposure(where: str, row: list[str], places: list[int]) -> Exposure:
-    try:
+    with suppress(ValueError, IndexError, OverflowError):
         first, last, name = (row[place].strip() for place in places)
         start_us, end_us = (int(np.int64(int(time))) for time in (first, last))
-    except (ValueError, IndexError, OverflowError):
-        name = ""
-    if not name:
-        raise TaskError(f"{where}: found {','.join(row)!r}, expected two whole numbers and a file")
-    if end_us < start_us:
-        raise TaskError(
-            f"{where}, {name}: found an exposure from {start_us} to {end_us} us, expected its end "
-            "not before its start"
-        )
-    return Exposure(start_us, end_us, name)
+        if name and start_us <= end_us:
+            return Exposure(start_us, end_us, name)
+    raise TaskError(
+        f"{where}: found {','.join(row)!r}, expected the start and the end of an exposure in whole "
+        "microseconds, and a file"
+    )

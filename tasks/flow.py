@@ -48,8 +48,8 @@ class FlowSample:
     center_px
         (2,) float64, the feature at the window's start.
     patch
-        (2, 2) int64: first column and row of the patch of the events, and those after its last. It
-        is a square of `patch_px`, cut at the edge of the sensor.
+        (2, 2) int64: first column and row of the events' patch, then the column and row after its
+        last. It is a square of `patch_px`, cut at the edge of the sensor.
     initial
         (2,) float64, flow from which to start the search, px per window.
     initial_sigma_px
@@ -78,7 +78,7 @@ class FlowEstimate:
     flow
         (2,) float64, px per window at the sensor's resolution; the initial flow after a failure.
     failure
-        Reason of a failure, or "". Failures are counted, not dropped.
+        Reason for a failure, or "". Failures are counted, not dropped.
     delay
         Delay of the events, in windows, if the method estimates it.
     """
@@ -250,15 +250,15 @@ def find_features(
     height, width = image.shape
     corners_px = corners(image, MARGIN_PX * width / REFERENCE_WIDTH_PX)
     start_s, end_s = window_s
-    seen = np.ones(len(corners_px), bool)
+    visible = np.ones(len(corners_px), bool)
     for t_s in np.linspace(start_s, end_s, _PATH_CHECKS + 1)[1:]:
         flow_px, valid = truth.point_flow(corners_px, start_s, t_s, width)
-        seen &= valid
-    chosen = np.flatnonzero(seen)[:count]
+        visible &= valid
+    chosen = np.flatnonzero(visible)[:count]
     if len(chosen) < count:
         raise TaskError(
-            f"features: found {len(chosen)} of {len(corners_px)} corners that stay in sight over "
-            f"the window from {start_s:g} to {end_s:g} s, expected {count}"
+            f"features: {len(chosen)} of {len(corners_px)} corners stay in sight from {start_s:g} "
+            f"to {end_s:g} s, expected {count}"
         )
     scene, sample = key
     rng = np.random.default_rng([seed, zlib.crc32(scene.encode(errors="surrogatepass")), sample])
@@ -266,10 +266,7 @@ def find_features(
     return Features(width, height, corners_px[chosen], flow_px[chosen], draws)
 
 
-def corners(
-    image: NDArray[np.floating],
-    margin_px: float,
-) -> NDArray[np.float64]:
+def corners(image: NDArray[np.floating], margin_px: float) -> NDArray[np.float64]:
     """Return the corners of an image, the strongest first.
 
     Parameters
@@ -287,7 +284,7 @@ def corners(
     inside = np.zeros(image.shape, np.uint8)
     margin = int(np.ceil(margin_px))
     inside[margin : image.shape[0] - margin, margin : image.shape[1] - margin] = 1
-    found = cv2.goodFeaturesToTrack(
+    points = cv2.goodFeaturesToTrack(
         bright.astype(np.float32),
         maxCorners=0,
         qualityLevel=1e-4,
@@ -295,9 +292,9 @@ def corners(
         mask=inside,
         blockSize=7,
     )
-    if found is None:
+    if points is None:
         return np.empty((0, 2))
-    return found.reshape(-1, 2).astype(np.float64) + 0.5
+    return points.reshape(-1, 2).astype(np.float64) + 0.5
 
 
 def patch(
@@ -316,17 +313,14 @@ def patch(
 
     Returns
     -------
-    (2, 2): first column and row, and those after the last.
+    (2, 2): first column and row, then the column and row after the last.
     """
     first = np.floor(center_px - 0.5 * side_px + 0.5).astype(np.int64)
     return np.clip(np.stack([first, first + side_px]), 0, (width, height))
 
 
 def patch_mask(
-    centers_px: NDArray[np.float64],
-    side_px: int,
-    width: int,
-    height: int,
+    centers_px: NDArray[np.float64], side_px: int, width: int, height: int
 ) -> NDArray[np.bool_]:
     """Return the pixels in any of the patches around some points.
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 LAST_BITS = 1e-9
-"""Differences of equal scores are less: some 1e-15."""
+"""Upper bound on the rounding differences of equal scores, which are about 1e-15."""
 
 MIN_SAMPLES_FOR_INTERVAL = 6
 """With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;

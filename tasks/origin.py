@@ -58,11 +58,8 @@ def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: flo
     Microseconds; 0 if the events are of another sequence, such as another stretch of the path.
     """
     then = origin_of(sequence, speed)
-    if any(origin.get(name) != then[name] for name in ("scene", "clip")):
-        return 0
     window_us = [origin.get("window_start_us"), origin.get("window_end_us")]
-    start_us, end_us = (one if isinstance(one, int) else 0 for one in window_us)
+    start_us, end_us = (t_us if isinstance(t_us, int) else 0 for t_us in window_us)
     then_us, then_end_us = int(then["window_start_us"]), int(then["window_end_us"])
-    if end_us - start_us != then_end_us - then_us:
-        return 0
-    return start_us - then_us
+    is_same = all(origin.get(name) == then[name] for name in ("scene", "clip"))
+    return start_us - then_us if is_same and end_us - start_us == then_end_us - then_us else 0

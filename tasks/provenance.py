@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -85,20 +86,18 @@ def _git(root: Path, *arguments: str) -> str | None:
 
 
 def _processor() -> str:
-    try:
+    with suppress(OSError):  # not Linux
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
-    except OSError:
-        pass  # not Linux
     return platform.processor() or platform.machine()
 
 
 def differing_software(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Return the values of the software that differs between environments, by name."""
     software = "code", VARIANT, *_PACKAGES, *_PACKAGES_OF_NETWORKS
-    values = {name: dict.fromkeys(one.get(name, "?") for one in environments) for name in software}
-    return {name: ", ".join(found) for name, found in values.items() if len(found) > 1}
+    values = {name: dict.fromkeys(e.get(name, "?") for e in environments) for name in software}
+    return {name: ", ".join(several) for name, several in values.items() if len(several) > 1}
 
 
 def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
@@ -107,19 +106,19 @@ def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     The result can be joined with further environments.
     """
     values: dict[str, dict[str, None]] = {}
-    for name, found in chain.from_iterable(one.items() for one in environments):
-        values.setdefault(name, {}).update(dict.fromkeys(found.split(_BETWEEN)))
-    return {name: _BETWEEN.join(found) for name, found in values.items()}
+    for name, value in chain.from_iterable(each.items() for each in environments):
+        values.setdefault(name, {}).update(dict.fromkeys(value.split(_BETWEEN)))
+    return {name: _BETWEEN.join(several) for name, several in values.items()}
 
 
 def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Check that a job is rendered with the Mitsuba and the device of the finished ones.
+    """Check that a job is rendered with the Mitsuba and the device of the finished jobs.
 
     Another version or device draws other random numbers or rounds differently.
     """
     for name in (MITSUBA, VARIANT):
         if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):
             raise StudyError(
-                f"{name}: found {now[name]}, expected {begun[name]}, with which the run was begun: "
-                "continue with that, or choose another folder, or mix both with --mix"
+                f"{name}: found {now[name]}, expected {begun[name]}, with which the run started: "
+                "continue with that, choose another folder, or mix both with --mix"
             )

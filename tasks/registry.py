@@ -31,20 +31,22 @@ class ShareColumn:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """How long a method takes, in seconds of one core, to foretell the cost of a study.
+    """How long a method takes, in seconds of one core; the estimate of a study's cost uses it.
 
-    Rough means over scenes and lights of the runs in docs/results, whose jobs list their times, on
-    two virtual servers: `python benchmarks/study_costs.py RUN STUDY`. Those of networks are of
-    `python benchmarks/bench_networks.py`.
+    The values are rough means over the scenes and lights of the runs in docs/results, on two
+    virtual servers: `python benchmarks/study_costs.py RUN STUDY` prints them. The values of
+    networks come from `python benchmarks/bench_networks.py`.
 
     Attributes
     ----------
     answer_s
-        Of one answer at 1280 px, for video one image; it is proportional to the number of pixels.
+        For one answer at 1280 px, or one image of a video. It is proportional to the number of
+        pixels.
     window_s
-        Of one window at 1280 px, for networks of video.
+        For one window at 1280 px, of networks for video.
     path_s, event_s
-        Of one path from the nearest of the study's starts: a fixed part, and one for each event.
+        For one path from the nearest of the study's starts: a fixed part, and a part for each
+        event.
     """
 
     answer_s: float = 0.0
@@ -73,8 +75,8 @@ class MethodSpec:
     network
         Place of the function that reads a file of weights, for a method that needs one.
     needs
-        "threshold": the contrast threshold; "light": the image at the start of each window;
-        "guess": a start near the answer, as it searches for the nearest minimum.
+        "threshold": the contrast threshold. "light": the image at the start of each window.
+        "guess": a start near the answer, as the method searches for the nearest minimum.
     on_recordings
         Whether it runs on a recording by default.
     delay
@@ -116,8 +118,8 @@ class TaskSpec:
         Place of the class that turns events into scores: a `Scorer`, made from a `Source` and the
         settings.
     needs
-        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", what an
-        event is worth between two frames. Recordings have the latter two estimated.
+        What a source must have: "frames", "poses", "a plane", "a threshold", or "a change", which
+        is what an event is worth between two frames. For recordings the last two are estimated.
     settings
         Place of the class of its settings: `TaskSettings`, or a class derived from it.
     sample
@@ -139,9 +141,9 @@ class TaskSpec:
     summary: str = ""
 
     def method(self, name: str) -> MethodSpec:
-        """Return what is known of a method; of a ``module:function``, that is its place."""
-        found = self.methods.get(name, name)
-        return MethodSpec(found) if isinstance(found, str) else found
+        """Return the facts about a method; a ``module:function`` has only its place."""
+        spec = self.methods.get(name, name)
+        return MethodSpec(spec) if isinstance(spec, str) else spec
 
     def is_own(self, name: str) -> bool:
         """Whether a method's code is outside of eres."""
@@ -153,7 +155,7 @@ class TaskSpec:
         return self.method(method).label or words
 
     def cost(self, method: str) -> Cost:
-        """Return the cost of a method; if not known, the mean answer or the first path."""
+        """Return the cost of a method, or an estimate from the other methods of the task."""
         if (known := self.method(method).cost) is not None:
             return known
         costs = [cost for name in self.methods if (cost := self.method(name).cost)]
@@ -182,48 +184,43 @@ class _Tasks(dict[str, TaskSpec]):
 
 TASKS = _Tasks()
 
-_METHODS = "tasks.methods"
-_CM = f"{_METHODS}.contrast_maximization"
-_EPF = f"{_METHODS}.photometric_flow"
-_EPPT = f"{_METHODS}.photometric_tracking"
-_HF = f"{_METHODS}.high_pass_filter"
-_NETWORKS = "tasks.learned"
-_OURS = f"{_NETWORKS}.ours"
 _SCORERS = "tasks.evaluation.scorers"
 _SETTINGS = "tasks.evaluation.settings"
+_OURS = "tasks.learned.ours"
 
 _PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
-_RNEPE = Metric(
-    *("rnepe_px", "RNEPE", "px"), False, negligible=0.05, decimals=2, reference_width_px=1280
-)
+_RNEPE = Metric("rnepe_px", "RNEPE", "px", False, 0.05, decimals=2, reference_width_px=1280)
 _POSITION_ERROR = Metric(
-    *("position_error_mm", "position error", "mm"), False, negligible=0.1, decimals=2, digits=3
+    "position_error_mm", "position error", "mm", False, 0.1, decimals=2, digits=3
 )
+_FAILURES = ShareColumn("fail", "share of features that failed")
+
+
+def _method(place: str, **facts: Any) -> MethodSpec:
+    return MethodSpec(f"tasks.methods.{place}", **facts)
+
 
 _NEAR: tuple[Need, ...] = ("light", "guess")
 _NEAR_C: tuple[Need, ...] = ("threshold", *_NEAR)
-_baseline = partial(MethodSpec, role="baseline", needs=(), cost=Cost())
-_diagnostic = partial(MethodSpec, role="diagnostic", needs=())
-_our_video = partial(
-    MethodSpec,
-    f"{_METHODS}.our_reconstruction:OurReconstruction",
-    version=2,
-    cost=Cost(window_s=2.9),
+_baseline = partial(_method, role="baseline", needs=(), cost=Cost())
+_diagnostic = partial(_method, role="diagnostic", needs=())
+_extension = partial(_method, ours=True)
+_near = partial(_method, needs=_NEAR_C)
+_with_delay = partial(_near, version=3, ours=True, delay=True)
+_contrast = partial(_method, version=2, needs=())
+_video_net = partial(
+    _method, "our_reconstruction:OurReconstruction", version=2, cost=Cost(window_s=2.9)
 )
-_dense = partial(MethodSpec, f"{_METHODS}.eraft:estimate", needs=())
+_flow_net = partial(_method, "eraft:estimate", needs=())
 
 TASKS["reconstruction"] = TaskSpec(
     title="reconstruction",
     summary="PSNR of the image at the end of the window",
     methods={
-        "event_integration": MethodSpec(f"{_METHODS}.event_integration:reconstruct"),
-        "event_integration_nearest": MethodSpec(
-            f"{_METHODS}.event_integration:reconstruct_nearest", ours=True
-        ),
-        "event_integration_bilinear": MethodSpec(
-            f"{_METHODS}.event_integration:reconstruct_bilinear", ours=True
-        ),
-        "no_events": _baseline(f"{_METHODS}.no_events:reconstruct"),
+        "event_integration": _method("event_integration:reconstruct"),
+        "event_integration_nearest": _extension("event_integration:reconstruct_nearest"),
+        "event_integration_bilinear": _extension("event_integration:reconstruct_bilinear"),
+        "no_events": _baseline("no_events:reconstruct"),
     },
     metric=_PSNR,
     baseline="no_events",
@@ -236,32 +233,31 @@ TASKS["video"] = TaskSpec(
     title="video reconstruction",
     summary="PSNR of images along a continuous sequence",
     methods={
-        "high_pass_filter": MethodSpec(
-            f"{_HF}:HighPassFilter", label="high-pass filter", cost=Cost(0.24)
+        "high_pass_filter": _method(
+            "high_pass_filter:HighPassFilter", label="high-pass filter", cost=Cost(0.24)
         ),
-        "high_pass_filter_no_event_decay": MethodSpec(
-            f"{_HF}:without_event_decay",
+        "high_pass_filter_no_event_decay": _extension(
+            "high_pass_filter:without_event_decay",
             label="high-pass filter without event decay",
-            ours=True,
             cost=Cost(0.24),
         ),
-        "e2vid": MethodSpec(
-            f"{_METHODS}.e2vid:E2vid",
+        "e2vid": _method(
+            "e2vid:E2vid",
             label="E2VID",
             version=2,
-            network=f"{_NETWORKS}.e2vid:load",
+            network="tasks.learned.e2vid:load",
             needs=(),
             cost=Cost(window_s=9.1),
         ),
-        "our_reconstruction_ideal_light": _our_video(
+        "our_reconstruction_ideal_light": _video_net(
             label="our network, ideal light", network=f"{_OURS}:reconstruction_ideal_light"
         ),
-        "our_reconstruction_all_light": _our_video(
+        "our_reconstruction_all_light": _video_net(
             label="our network, all light", network=f"{_OURS}:reconstruction_all_light"
         ),
-        "late_truth": _diagnostic(f"{_METHODS}.true_video:LateTruth"),
-        "filtered_truth": _diagnostic(f"{_METHODS}.true_video:FilteredTruth"),
-        "blank": _baseline(f"{_METHODS}.blank_video:BlankVideo"),
+        "late_truth": _diagnostic("true_video:LateTruth"),
+        "filtered_truth": _diagnostic("true_video:FilteredTruth"),
+        "blank": _baseline("blank_video:BlankVideo"),
     },
     metric=_PSNR,
     baseline="blank",
@@ -273,34 +269,24 @@ TASKS["flow"] = TaskSpec(
     title="optical flow",
     summary="end-point error of 20 patches",
     methods={
-        "photometric_flow": MethodSpec(
-            f"{_EPF}:estimate", version=3, needs=_NEAR_C, cost=Cost(0.04)
+        "photometric_flow": _near("photometric_flow:estimate", version=3, cost=Cost(0.04)),
+        "photometric_flow_unknown_contrast": _extension(
+            "photometric_flow:estimate_unknown_contrast", version=3, needs=_NEAR, cost=Cost(0.015)
         ),
-        "photometric_flow_unknown_contrast": MethodSpec(
-            f"{_EPF}:estimate_unknown_contrast", version=3, ours=True, needs=_NEAR, cost=Cost(0.015)
+        "photometric_flow_by_descent": _extension(
+            "photometric_flow:estimate_by_descent", version=2, needs=_NEAR, cost=Cost(0.05)
         ),
-        "photometric_flow_by_descent": MethodSpec(
-            f"{_EPF}:estimate_by_descent", version=2, ours=True, needs=_NEAR, cost=Cost(0.05)
+        "photometric_flow_with_delay": _with_delay(  # clocks and exposures of recordings hide it
+            "photometric_flow:estimate_with_delay", on_recordings=False, cost=Cost(0.03)
         ),
-        "photometric_flow_with_delay": MethodSpec(
-            f"{_EPF}:estimate_with_delay",
-            version=3,
-            ours=True,
-            needs=_NEAR_C,
-            on_recordings=False,  # clocks and exposures hide the delay
-            delay=True,
-            cost=Cost(0.03),
+        "contrast_maximization": _contrast("contrast_maximization:estimate", cost=Cost(0.012)),
+        "contrast_maximization_by_gradient": _contrast(
+            "contrast_maximization:estimate_by_gradient", ours=True, cost=Cost(0.017)
         ),
-        "contrast_maximization": MethodSpec(
-            f"{_CM}:estimate", version=2, needs=(), cost=Cost(0.012)
+        "contrast_maximization_by_plain_variance": _contrast(
+            "contrast_maximization:estimate_by_plain_variance", ours=True, cost=Cost(0.0035)
         ),
-        "contrast_maximization_by_gradient": MethodSpec(
-            f"{_CM}:estimate_by_gradient", version=2, ours=True, needs=(), cost=Cost(0.017)
-        ),
-        "contrast_maximization_by_plain_variance": MethodSpec(
-            f"{_CM}:estimate_by_plain_variance", version=2, ours=True, needs=(), cost=Cost(0.0035)
-        ),
-        "initial_flow": _baseline(f"{_METHODS}.initial_flow:estimate"),
+        "initial_flow": _baseline("initial_flow:estimate"),
     },
     metric=_RNEPE,
     baseline="initial_flow",
@@ -308,22 +294,22 @@ TASKS["flow"] = TaskSpec(
     needs=("a threshold",),
     settings=f"{_SETTINGS}:Flow",
     sample="tasks.flow:FlowSample",
-    share_column=ShareColumn("fail", "share of features that failed"),
+    share_column=_FAILURES,
 )
 TASKS["dense_flow"] = TaskSpec(
     title="dense optical flow",
     summary="end-point error of a flow of all pixels from two windows, at 20 features",
     methods={
-        "eraft": _dense(label="E-RAFT", network=f"{_NETWORKS}.eraft:load", cost=Cost(20.0)),
-        "our_flow_ideal_light": _dense(
+        "eraft": _flow_net(label="E-RAFT", network="tasks.learned.eraft:load", cost=Cost(20.0)),
+        "our_flow_ideal_light": _flow_net(
             label="our network, ideal light", network=f"{_OURS}:flow_ideal_light", cost=Cost(3.2)
         ),
-        "our_flow_all_light": _dense(
+        "our_flow_all_light": _flow_net(
             label="our network, all light", network=f"{_OURS}:flow_all_light", cost=Cost(3.2)
         ),
-        "zero_flow": _baseline(f"{_METHODS}.zero_flow:estimate"),
+        "zero_flow": _baseline("zero_flow:estimate"),
         "initial_flow": _baseline(  # on recordings, where nothing is known, it is zero_flow
-            f"{_METHODS}.initial_flow:estimate_everywhere", on_recordings=False
+            "initial_flow:estimate_everywhere", on_recordings=False
         ),
     },
     metric=_RNEPE,
@@ -331,24 +317,19 @@ TASKS["dense_flow"] = TaskSpec(
     scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
     settings=f"{_SETTINGS}:DenseFlow",
     sample="tasks.dense_flow:DenseFlowSample",
-    share_column=ShareColumn("fail", "share of features that failed"),
+    share_column=_FAILURES,
 )
 TASKS["tracking"] = TaskSpec(
     title="pose tracking",
     summary="position error over the first 14 ms, in planar scenes",
     methods={
-        "photometric_tracking": MethodSpec(
-            f"{_EPPT}:estimate", version=2, needs=_NEAR_C, cost=Cost(path_s=0.13, event_s=2.2e-6)
+        "photometric_tracking": _near(
+            "photometric_tracking:estimate", version=2, cost=Cost(path_s=0.13, event_s=2.2e-6)
         ),
-        "photometric_tracking_with_delay": MethodSpec(
-            f"{_EPPT}:estimate_with_delay",
-            version=3,
-            ours=True,
-            needs=_NEAR_C,
-            delay=True,
-            cost=Cost(path_s=0.21, event_s=3.9e-6),
+        "photometric_tracking_with_delay": _with_delay(
+            "photometric_tracking:estimate_with_delay", cost=Cost(path_s=0.21, event_s=3.9e-6)
         ),
-        "initial_path": _baseline(f"{_METHODS}.initial_path:estimate"),
+        "initial_path": _baseline("initial_path:estimate"),
     },
     metric=_POSITION_ERROR,
     baseline="initial_path",

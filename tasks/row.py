@@ -59,7 +59,7 @@ class Row:
     event_rate_hz: float  # events per second of the whole sensor in the scored window
     variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
     item: int = 0  # feature or trial within the sample
-    failure: str = ""  # reason of a failure, whose value is that of its start, or where it ended
+    failure: str = ""  # reason for a failure; the value is then that of its start or end
     photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; arbitrary for ideal pixels
     sensor: str = ""  # name of the sensor; "" for one of the study's widths
     illuminance_lux: float = 0.0  # light on the scene; 0 if the light is given as a cutoff
@@ -76,25 +76,17 @@ class Row:
             return
         for name in ("width", "contrast_threshold", "speed"):
             check_positive(f"Row.{name}", getattr(self, name), ResultError)
-        if not self.cutoff_hz > 0:
-            raise ResultError(
-                f"Row.cutoff_hz: found {self.cutoff_hz}, expected a positive number or inf"
-            )
-        if self.photoreceptor not in PHOTORECEPTORS:
-            expected = " or ".join(map(repr, PHOTORECEPTORS))
-            raise ResultError(
-                f"Row.photoreceptor: found {self.photoreceptor!r}, expected {expected}"
-            )
+        name, expected = "cutoff_hz", "a positive number or inf"
+        if self.cutoff_hz > 0:
+            name, expected = "photoreceptor", " or ".join(map(repr, PHOTORECEPTORS))
+        raise ResultError(f"Row.{name}: found {getattr(self, name)!r}, expected {expected}")
 
 
 _ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}
 _COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
-_LATER = {  # older files lack these columns
-    one.name: one.default
-    for one in fields(Row)
-    if one.name
-    in ("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us")
-}
+_NEW = "photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us"
+_LATER = {field.name: field.default for field in fields(Row) if field.name in _NEW}
+"""Columns that older files lack, with their defaults."""
 
 
 def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
@@ -160,12 +152,7 @@ def read_rows(path: str | Path) -> list[Row]:
         check_growth(8 * file.metadata.num_rows * file.metadata.num_columns, len(data))
         table = file.read()
         table.validate(full=True)
-    _check_columns(path, table.schema)
-    for name in table.column_names:
-        if missing := table[name].null_count:
-            raise ResultError(
-                f"{path}, field {name}: found {missing} of {len(table)} rows without a value"
-            )
+    _check_columns(path, table)
     columns = [
         _plain(table[name]) if name in table.column_names else [_LATER[name]] * len(table)
         for name in _COLUMNS
@@ -193,17 +180,15 @@ def _plain(column: pa.ChunkedArray) -> list[str | int | float]:
     coded = column.combine_chunks().dictionary_encode()
     known = np.empty(len(coded.dictionary), object)
     known[:] = coded.dictionary.to_pylist()
-    found: list[str | int | float] = known[coded.indices.to_numpy()].tolist()
-    return found
+    values: list[str | int | float] = known[coded.indices.to_numpy()].tolist()
+    return values
 
 
-def _check_columns(path: Path, schema: pa.Schema) -> None:
-    found = {field.name: str(field.type) for field in schema}
-    for name in _COLUMNS | found:
-        if name in _LATER and name not in found:
-            continue
-        if found.get(name) != _COLUMNS.get(name):
-            raise ResultError(
-                f"{path}, field {name}: found {found.get(name, 'no such column')}, "
-                f"expected {_COLUMNS.get(name, 'no such column')}"
-            )
+def _check_columns(path: Path, table: pa.Table) -> None:
+    types = {field.name: str(field.type) for field in table.schema}
+    for name in _COLUMNS | types:
+        value, expected = (kinds.get(name, "no such column") for kinds in (types, _COLUMNS))
+        if value == expected and (nulls := table[name].null_count):
+            value, expected = f"{nulls} of {len(table)} rows without a value", "none"
+        if value != expected and not (name in _LATER and name not in types):
+            raise ResultError(f"{path}, field {name}: found {value}, expected {expected}")

@@ -35,7 +35,7 @@ class TrackingSample:
     x, y
         (N,) uint16, pixel of each event. Events are sorted by pixel (y, x), then by time.
     t_us
-        (N,) int32, at least 0 and less than the path's duration and `max_delay_us` together.
+        (N,) int32, from 0 to below the sum of the path's duration and `max_delay_us`.
     t_before_us
         (N,) int32, time of the previous event at the pixel, which is also the previous one in
         these arrays; -1 for the first of a pixel.
@@ -109,7 +109,7 @@ class TrackingEstimate:
         The camera's path from time 0, at least as long as the initial one; the initial one after a
         failure.
     failure
-        Reason of a failure, or "". Failures are counted, not dropped.
+        Reason for a failure, or "". Failures are counted, not dropped.
     diagnostics
         Diagnostics of the search; None if there was none.
     """
@@ -203,23 +203,19 @@ def tracking_sample(
     ------
     TaskError
         The scene is not planar, the camera has a lens, the sizes of events, image and camera
-        differ, `T_0` is not 4 x 4, or `max_delay_us` is negative.
+        differ, or `T_0` is not 4 x 4.
     """
     if plane is None:
-        raise TaskError("tracking: found a scene with depth, expected a plane")
-    if camera.distortion is not None:
-        raise TaskError(f"tracking: found a lens, {camera.distortion}, expected a pinhole")
+        raise TaskError("tracking: needs a plane, and the scene has depth")
     size = (events.height, events.width)
-    for name, found in (
-        ("log_image", log_image.shape),
-        ("camera", (camera.height, camera.width)),
+    for name, value, expected in (
+        ("lens", camera.distortion, None),
+        ("log_image", log_image.shape, size),
+        ("camera", (camera.height, camera.width), size),
+        ("T_0", T_0.shape, (4, 4)),
     ):
-        if found != size:
-            raise TaskError(f"tracking: found {name} of {found}, expected {size} as the events")
-    if T_0.shape != (4, 4):
-        raise TaskError(f"tracking: found T_0 of shape {T_0.shape}, expected (4, 4)")
-    if max_delay_us < 0:
-        raise TaskError(f"tracking: found max_delay_us = {max_delay_us}, expected 0 or more")
+        if value != expected:
+            raise TaskError(f"tracking: {name}: found {value}, expected {expected}")
     duration_us = round(initial.duration_s * 1e6) + max_delay_us
     window = events.between(start_us, start_us + duration_us)
     if max_events is not None:
@@ -261,7 +257,7 @@ def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
 
     Returns
     -------
-    (height, width) int32, which is not to be changed.
+    (height, width) int32, read-only.
     """
     ranks = np.random.default_rng(seed).permutation(height * width).astype(np.int32)
     ranks.flags.writeable = False
@@ -269,7 +265,7 @@ def random_ranks(seed: int, height: int, width: int) -> NDArray[np.int32]:
 
 
 def most_pixels(rank: NDArray[np.int32], max_events: int) -> int:
-    """Return how many pixels in the order of their ranks have at most max_events events in all.
+    """Return how many pixels of the lowest ranks have at most max_events events together.
 
     Parameters
     ----------

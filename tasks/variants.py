@@ -20,5 +20,5 @@ def sigma_variant(sigma_mm: float) -> str:
 
 def sigma_mm(variant: str) -> float | None:
     """Return the standard deviation in mm of a variant such as "sigma 2 mm"; None for others."""
-    found = re.fullmatch(r"sigma ([0-9.e+-]+) mm", variant)
-    return float(found[1]) if found else None
+    match = re.fullmatch(r"sigma ([0-9.e+-]+) mm", variant)
+    return float(match[1]) if match else None

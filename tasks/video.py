@@ -70,7 +70,7 @@ class ImageTaker:
         self._due = list(times_us)
 
     def take(self, events: Events) -> Iterator[tuple[int, Float64]]:
-        """Pass the events on as far as the caller iterates, to the end; yield what is due.
+        """Pass the events on to the method, and yield each image that is due; iterate to the end.
 
         Parameters
         ----------
@@ -133,9 +133,7 @@ def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Floa
 
 
 def picture(
-    log_image: NDArray[np.floating],
-    shape: tuple[int, int],
-    equalization: str = "local",
+    log_image: NDArray[np.floating], shape: tuple[int, int], equalization: str = "local"
 ) -> Float64:
     """Enlarge, stretch and equalize a log intensity for comparison.
 

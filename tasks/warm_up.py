@@ -26,14 +26,14 @@ def needed_s(
     base_s: float = WARM_UP_S,
     time_constants: float = TIME_CONSTANTS,
 ) -> float:
-    """Return how long a sensor has to see the path before its window: a matter of its own alone.
+    """Return how long a sensor has to see the path before its window.
 
     Parameters
     ----------
     cutoff_hz
         Corner frequency of each of the photoreceptor's poles; inf needs the base.
     base_s
-        The least, s of the path; it lets an ideal pixel's memory forget where it started.
+        Lower bound, s of the path. It lets an ideal pixel's memory forget where it started.
 
     Returns
     -------

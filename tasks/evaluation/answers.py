@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from copy import copy
 from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
@@ -45,7 +46,7 @@ def ask(
     The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
     """
     if TASKS[task].is_own(name):
-        arguments = tuple(_copied(one) for one in arguments)
+        arguments = tuple(map(_copied, arguments))
     started_s = cpu_s()
     try:
         answer = function(*arguments, **options)
@@ -86,8 +87,8 @@ def _copied(given: Any) -> Any:
         for name, value in vars(kind).items():
             if isinstance(value, cached_property):
                 vars(copied).pop(name, None)
-    for one in fields(given):
-        object.__setattr__(copied, one.name, _copied(getattr(given, one.name)))
+    for field in fields(given):
+        object.__setattr__(copied, field.name, _copied(getattr(given, field.name)))
     return copied
 
 
@@ -110,17 +111,13 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
         Flow of a method that does nothing, of the expected shape: (2,) for a patch, (2, h, w) for
         all pixels.
     """
-    of_patch = nothing.ndim == 1
-    estimate = answer if of_patch else FlowEstimate(answer)
-    if not isinstance(estimate, FlowEstimate):
-        raise _refusal(task, name, _named(answer), "a tasks.flow.FlowEstimate")
+    estimate, start = FlowEstimate(answer), ""
+    if nothing.ndim == 1:
+        kind = "a tasks.flow.FlowEstimate"
+        _check(isinstance(answer, FlowEstimate), task, name, _named(answer), kind)
+        estimate, start = answer, "a FlowEstimate whose flow is "
     _check_failure(task, name, estimate.failure)
-    flow = _numbers(estimate.flow, nothing.shape)
-    if flow is None:
-        found = _named(estimate.flow)
-        if of_patch:
-            raise _refusal(task, name, f"a FlowEstimate whose flow is {found}", "two numbers")
-        raise _refusal(task, name, found, f"an array of numbers of {nothing.shape}")
+    flow = _numbers(task, name, estimate.flow, nothing.shape, start)
     flow = flow.astype(np.float64, copy=False)  # squares overflow far earlier in single precision
     if not np.all(np.abs(flow) < _INFINITE):
         return FlowEstimate(nothing, estimate.failure or "the flow is not finite")
@@ -129,19 +126,19 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
 
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:
     """Check the answer of a tracking method."""
-    if not isinstance(answer, TrackingEstimate):
-        raise _refusal("tracking", name, _named(answer), "a tasks.tracking.TrackingEstimate")
-    _check_failure("tracking", name, answer.failure)
+    of_method = "tracking", name
+    kind = "a tasks.tracking.TrackingEstimate"
+    _check(isinstance(answer, TrackingEstimate), *of_method, _named(answer), kind)
+    _check_failure(*of_method, answer.failure)
     path, least_s = answer.path, sample.initial.duration_s
-    if not isinstance(path, Trajectory):
-        found = f"a TrackingEstimate whose path is {_named(path)}"
-        raise _refusal("tracking", name, found, "an eres_render.Trajectory")
+    text = f"a TrackingEstimate whose path is {_named(path)}"
+    _check(isinstance(path, Trajectory), *of_method, text, "an eres_render.Trajectory")
     if not np.all(np.abs(path.controls) < _INFINITE):
         failure = answer.failure or "the path is not finite"
         return TrackingEstimate(sample.initial, failure, answer.diagnostics)
-    if path.duration_s < least_s - _SAME_S:
-        found = f"a path of {path.duration_s:g} s"
-        raise _refusal("tracking", name, found, f"one of at least {least_s:g} s")
+    is_whole = path.duration_s >= least_s - _SAME_S
+    text = f"a path of {path.duration_s:g} s"
+    _check(is_whole, *of_method, text, f"one of at least {least_s:g} s")
     return replace(answer, path=_copied(path))  # the method may have changed it after using it
 
 
@@ -159,37 +156,39 @@ def image_answer(
     -------
     The image and "", or `nothing` and the reason if the image is not finite.
     """
-    image = _numbers(answer, nothing.shape)
-    if image is None:
-        height, width = nothing.shape
-        raise _refusal(task, name, _named(answer), f"an array of numbers of ({height}, {width})")
+    image = _numbers(task, name, answer, nothing.shape)
     if not np.all(np.isfinite(image)):
         return nothing, "the image is not finite"
     return image, ""
 
 
 def _check_failure(task: str, name: str, failure: Any) -> None:
-    if not isinstance(failure, str):
-        raise _refusal(task, name, f"{_named(failure)} as failure", 'the reason, or "" for none')
+    text = f"{_named(failure)} as failure"
+    _check(isinstance(failure, str), task, name, text, 'the reason, or "" for none')
 
 
-def _refusal(task: str, name: str, found: str, expected: str) -> MethodError:
-    return MethodError(f"{task}, method {name!r}: returned {found}, expected {expected}")
+def _check(holds: bool, task: str, name: str, answer: str, expected: str) -> None:
+    if not holds:
+        raise MethodError(f"{task}, method {name!r}: returned {answer}, expected {expected}")
 
 
-def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """Return an array of real numbers of that shape, None if it is something else."""
-    try:
-        array = np.asarray(found)
-    except Exception:  # lists of different lengths, or arrays of another library
-        return None
-    return array if array.shape == shape and array.dtype.kind in "fiu" else None
+def _numbers(
+    task: str, name: str, value: Any, shape: tuple[int, ...], start: str = ""
+) -> NDArray[Any]:
+    """Return an array of real numbers of that shape; `start` is of the error."""
+    array = np.empty(())
+    with suppress(Exception):  # lists of different lengths, or arrays of another library
+        array = np.asarray(value)
+    is_right = array.shape == shape and array.dtype.kind in "fiu"
+    expected = "two numbers" if shape == (2,) else f"an array of numbers of {shape}"
+    _check(is_right, task, name, f"{start}{_named(value)}", expected)
+    return array
 
 
-def _named(found: Any) -> str:
-    if found is None:
+def _named(value: Any) -> str:
+    if value is None:
         return "None"
-    kind = type(found).__name__
-    if isinstance(found, np.ndarray):
-        return f"an array of {found.shape} {found.dtype}"
+    kind = type(value).__name__
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.shape} {value.dtype}"
     return f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"

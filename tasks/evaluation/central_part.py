@@ -46,10 +46,10 @@ def central_part(
     """
     whole = sequence.camera
     rows, columns = crop_to_aspect(whole.height, whole.width, height, width)
-    seen = columns.stop - columns.start, rows.stop - rows.start
-    if seen == (whole.width, whole.height):
+    size = columns.stop - columns.start, rows.stop - rows.start
+    if size == (whole.width, whole.height):
         return sequence, truth
-    camera = whole.cropped(columns.start, rows.start, *seen)
+    camera = whole.cropped(columns.start, rows.start, *size)
     manifest = replace(
         sequence.manifest,
         width=camera.width,
@@ -57,8 +57,7 @@ def central_part(
         fov_rad=camera.fov_rad,
         intrinsics=(camera.fx, camera.fy, camera.cx, camera.cy),
     )
-    values = {one.name: getattr(sequence, one.name) for one in fields(RadianceSequence)}
-    part = _CentralPart(
-        **{**values, "manifest": manifest}, whole=sequence, rows=rows, columns=columns
-    )
+    values = {f.name: getattr(sequence, f.name) for f in fields(RadianceSequence)}
+    values["manifest"] = manifest
+    part = _CentralPart(**values, whole=sequence, rows=rows, columns=columns)
     return part, truth.of_camera(camera)

@@ -77,11 +77,7 @@ def settings() -> list[RenderSetting]:
 
 
 def converge(
-    scene: Scene,
-    *,
-    resolution: int,
-    duration_s: float,
-    on_progress: Progress,
+    scene: Scene, *, resolution: int, duration_s: float, on_progress: Progress
 ) -> Iterator[Outcome]:
     """Render one stretch in the middle of a path in every setting; yield the results one by one.
 
@@ -94,51 +90,50 @@ def converge(
     """
     start_s = 0.5 * scene.duration_s
     if not 0 < duration_s <= start_s:
-        raise TaskError(
-            f"duration: found {duration_s} s, expected (0, {start_s:g}] s, half the path"
-        )
+        most = f"at most {start_s:g} s, half the path"
+        raise TaskError(f"duration: found {duration_s} s, expected more than 0 and {most}")
     base = Renderer(scene, resolution, FINEST.spp)
-    dark_level = DARK_FRACTION * base.white_level
-    model = SensorModel(
-        width=resolution,
-        height=resolution,
-        contrast_threshold=CONTRAST_THRESHOLD,
-        dark_level=dark_level,
-    )
+    marks_s = max(0.0, start_s - WARM_UP_S), start_s, start_s + duration_s
     log_truth: NDArray[np.float64] | None = None
     for setting in settings():
-        renderer = base.at(spp=setting.spp)
-        warm_up_s = max(0.0, start_s - WARM_UP_S)
-        marks_s = (warm_up_s, start_s, start_s + duration_s)
-        t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
-        first = int(np.searchsorted(t_s, start_s))
-        ends: list[NDArray[np.float64]] = []  # log intensity at the start and the end
-
-        def frames(
-            setting: RenderSetting = setting,
-            renderer: Renderer = renderer,
-            t_s: NDArray[np.float64] = t_s,
-            first: int = first,
-            ends: list[NDArray[np.float64]] = ends,
-        ) -> Iterator[NDArray[np.float32]]:
-            for k, (t, pose) in enumerate(zip(t_s, renderer.trajectory.pose(t_s), strict=True)):
-                on_progress(_name(setting), k, len(t_s))
-                frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None, t_s=t)
-                if k in (first, len(t_s) - 1):
-                    ends.append(np.log(frame.astype(np.float64) + dark_level))
-                yield frame
-
-        polarity_sum = np.zeros((resolution, resolution), np.float64)
-        count = 0
-        for events in stream(frames(), t_s, model):
-            inside = events.between(*(round(1e6 * t) for t in marks_s[1:]))
-            polarity_sum += inside.polarity_sum()
-            count += len(inside)
+        frames, events, polarity_sum, ends = _simulated(base, setting, marks_s, on_progress)
         if log_truth is None:
             log_truth = ends[1]
         sample = ReconstructionSample(ends[0], polarity_sum, CONTRAST_THRESHOLD)
         psnr = psnr_db(reconstruct(sample), log_truth, log_white_level(log_truth))
-        yield Outcome(setting, len(t_s) - first, count, psnr)
+        yield Outcome(setting, frames, events, psnr)
+
+
+def _simulated(
+    base: Renderer,
+    setting: RenderSetting,
+    marks_s: tuple[float, float, float],
+    on_progress: Progress,
+) -> tuple[int, int, NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Return a stretch's frames, events, polarity sums, and log light at its start and its end."""
+    renderer, dark_level = base.at(spp=setting.spp), DARK_FRACTION * base.white_level
+    side = base.camera.width
+    model = SensorModel(
+        width=side, height=side, contrast_threshold=CONTRAST_THRESHOLD, dark_level=dark_level
+    )
+    t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
+    first = int(np.searchsorted(t_s, marks_s[1]))
+    ends: list[NDArray[np.float64]] = []
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for k, (t, pose) in enumerate(zip(t_s, renderer.trajectory.pose(t_s), strict=True)):
+            on_progress(_name(setting), k, len(t_s))
+            frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None, t_s=t)
+            if k in (first, len(t_s) - 1):
+                ends.append(np.log(frame.astype(np.float64) + dark_level))
+            yield frame
+
+    polarity_sum, count = np.zeros((side, side)), 0
+    for events in stream(frames(), t_s, model):
+        inside = events.between(*(round(1e6 * t) for t in marks_s[1:]))
+        polarity_sum += inside.polarity_sum()
+        count += len(inside)
+    return len(t_s) - first, count, polarity_sum, ends
 
 
 def _name(setting: RenderSetting) -> str:

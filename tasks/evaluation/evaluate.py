@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +16,20 @@ from eres_render.progress import Progress
 from eres_render.sequence.sequence import Rendered
 from sensor import Events, stream_bank
 from sensor.readout import Sender
-from tasks.evaluation.frames_ahead import frames_ahead
+from tasks.ahead import made_ahead
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import TaskSettings
 from tasks.evaluation.source import row_of
-from tasks.evaluation.stopwatch import Stopwatch
-from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
+from tasks.evaluation.timings import JobTimings, MethodTimings, Stopwatch, split_shared_time
 from tasks.registry import TASKS, load
 from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
+
+FRAMES_AHEAD = 12  # as many as sensors take at once, so that neither side waits for the other
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,14 +71,10 @@ def evaluate(
             _collect(sequence, sensors, workers, stopwatch, on_progress)
         stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
         with stopwatch("scoring"):
-            scores = _score(sensors, workers, on_progress)
-    rows = [
-        row_of(task, sensor.source, score, sensor.event_rate_hz, sensor.dropped)
-        for sensor, found in zip(sensors, scores, strict=True)
-        for task, score in found
-    ]
+            scored = _score(sensors, workers, on_progress)
+    rows = [sensor.row(task, score) for sensor, task, score in scored]
     rendered = sequence.rendered.since(at_start)
-    timings = _timings(sequence, sensors, scores, stopwatch.seconds, rendered)
+    timings = _timings(sequence, sensors, scored, stopwatch.seconds, rendered)
     return Evaluation(rows, timings, reference)
 
 
@@ -102,16 +100,6 @@ class _Sensor:
             for name, task in tasks.items()
             if task.methods
         }
-
-    @property
-    def event_rate_hz(self) -> float:
-        """Events per second that the pixels fire in the window."""
-        return self._in_window / self.source.window.seconds
-
-    @property
-    def dropped(self) -> float:
-        """Share of the window's events that the bus lost."""
-        return self._dropped / self._in_window if self._dropped else 0.0
 
     def push(self, events: Events) -> None:
         """Add the next events that the pixels fire, those of the warm-up included."""
@@ -140,7 +128,18 @@ class _Sensor:
         """Return the scores of all tasks, each with its task, after the last event."""
         if self._sender is not None and (last := self._sender.finish()) is not None:
             self._receive(last)
-        return [(task, score) for task, one in self._scorers.items() for score in one.scores()]
+        return [
+            (task, score) for task, scorer in self._scorers.items() for score in scorer.scores()
+        ]
+
+    def row(self, task: str, score: Score) -> Row:
+        """Return a score as a row."""
+        rate_hz = self._in_window / self.source.window.seconds
+        dropped = self._dropped / self._in_window if self._dropped else 0.0
+        return row_of(task, self.source, score, rate_hz, dropped)
+
+
+_Scored = tuple[_Sensor, str, Score]
 
 
 def _collect(
@@ -159,34 +158,26 @@ def _collect(
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
-    with frames_ahead(sequence, len(sequence)) as ahead:
+    starts_s = [sensor.setting.t_start_s for sensor in sensors]
+    after = np.searchsorted(sequence.t_s, starts_s, side="right")
+    source, count = iter(sequence), len(sequence)
+    # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
+    with made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD) as ahead:
         events_of_all = stream_bank(
             frames(ahead),
             sequence.t_s,
             [sensor.setting.model for sensor in sensors],
             speeds=[sensor.setting.speed for sensor in sensors],
-            starts=[_first_frame(sequence, sensor.setting) for sensor in sensors],
+            starts=np.maximum(after - 1, 0).tolist(),  # the frame at or before it
         )
         pushes: list[Future[None]] = []
-        for batch in _batches(events_of_all):
+        for batch in chain(_batches(events_of_all), [{}]):  # the last waits for the others
             with stopwatch("collecting"):
-                _finish(pushes)
+                for push in pushes:
+                    push.result()  # raises an error of its sensor
             # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
             pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
-        with stopwatch("collecting"):
-            _finish(pushes)
-
-
-def _first_frame(sequence: RadianceSequence, setting: Setting) -> int:
-    """Return the index of the first frame that a sensor sees."""
-    return max(0, int(np.searchsorted(sequence.t_s, setting.t_start_s, side="right")) - 1)
-
-
-def _finish(pushes: Iterable[Future[None]]) -> None:
-    """Wait until the sensors have their events; raise the first error."""
-    for push in pushes:
-        push.result()
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
@@ -200,23 +191,21 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _score(
-    sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
-) -> list[list[tuple[str, Score]]]:
-    """Return the scores of each sensor, each with its task."""
+def _score(sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress) -> list[_Scored]:
+    """Return the scores of all sensors, in order."""
     # The largest come first, so that the cores finish at about the same time.
-    order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
-    scores: dict[int, list[tuple[str, Score]]] = {}
-    for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):
-        scores[i] = found
+    order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
+    scores: dict[_Sensor, list[tuple[str, Score]]] = {}
+    for sensor, own in zip(order, workers.map(_Sensor.scores, order), strict=True):
+        scores[sensor] = own
         on_progress("scoring", len(scores), len(sensors))
-    return [scores[i] for i in range(len(sensors))]
+    return [(sensor, *scored) for sensor in sensors for scored in scores[sensor]]
 
 
 def _timings(
     sequence: RadianceSequence,
     sensors: Sequence[_Sensor],
-    scores: Sequence[Sequence[tuple[str, Score]]],
+    scored: Iterable[_Scored],
     seconds: Mapping[str, float],
     rendered: Rendered,
 ) -> JobTimings:
@@ -239,21 +228,18 @@ def _timings(
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
         events=sum(sensor.fired for sensor in sensors),
         scoring_s=seconds["scoring"],
-        methods=_method_timings(
-            (sensor.setting, task, score)
-            for sensor, found in zip(sensors, scores, strict=True)
-            for task, score in found
-        ),
+        methods=_method_timings(scored),
         rendered_frames=rendered.frames,
         height=manifest.height,
         **stages,
     )
 
 
-def _method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> tuple[MethodTimings, ...]:
-    """Return the timings of each method on each sensor, from settings, tasks and scores."""
+def _method_timings(scored: Iterable[_Scored]) -> tuple[MethodTimings, ...]:
+    """Return the timings of each method on each sensor."""
     groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
-    for setting, task, score in scored:
+    for sensor, task, score in scored:
+        setting = sensor.setting
         if not score.copied:
             key = task, score.method, score.variant, setting.model.width, setting.name
             groups.setdefault(key, []).append(score)

@@ -48,25 +48,21 @@ class ReferenceFrames:
         self._pictures: dict[tuple[float, float, str], NDArray[np.float64]] = {}
         self._picturing = threading.Lock()
 
-    @property
-    def start(self) -> NDArray[np.float32]:
-        """(H, W) radiance at the window's start."""
-        return self._frame_at(self.sequence.window_s[0])
+    def _frame(self, end: int) -> NDArray[np.float32]:
+        """(H, W) radiance at the window's start, 0, or at its end, 1."""
+        k = int(np.searchsorted(self.sequence.t_s, self.sequence.window_s[end]))
+        return self._once(("frame", k), lambda: self.sequence.frame(k))
 
-    @property
-    def end(self) -> NDArray[np.float32]:
-        """(H, W) radiance at the window's end."""
-        return self._frame_at(self.sequence.window_s[1])
+    def _log_frame(self, end: int, dark_level: float) -> NDArray[np.float64]:
+        return self._once(("log", end, dark_level), lambda: _log(self._frame(end), dark_level))
 
     def log_start(self, model: SensorModel) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's start, with the dark level of a sensor."""
-        dark_level = dark_level_of(model)
-        return self._once(("log_start", dark_level), lambda: _log(self.start, dark_level))
+        return self._log_frame(0, dark_level_of(model))
 
     def log_end(self, model: SensorModel) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's end, with the dark level of a sensor."""
-        dark_level = dark_level_of(model)
-        return self._once(("log_end", dark_level), lambda: _log(self.end, dark_level))
+        return self._log_frame(1, dark_level_of(model))
 
     def log_white(self, model: SensorModel) -> float:
         """Log intensity of white at the window's end, with the dark level of a sensor."""
@@ -79,7 +75,7 @@ class ReferenceFrames:
         dark_level = dark_level_of(model)
         return self._once(
             ("log_image", *pixels, dark_level),
-            lambda: _log(integrate(self.start, *pixels), dark_level),
+            lambda: _log(integrate(self._frame(0), *pixels), dark_level),
         )
 
     def camera(self, width: int, height: int) -> Camera:
@@ -101,7 +97,7 @@ class ReferenceFrames:
         return self._once(
             ("features", count, seed),
             lambda: find_features(
-                self.start, self.truth, self.sequence.window_s, key, count=count, seed=seed
+                self._frame(0), self.truth, self.sequence.window_s, key, count=count, seed=seed
             ),
         )
 
@@ -127,17 +123,13 @@ class ReferenceFrames:
                 self._pictures[key] = picture(log_image, log_image.shape, equalization)
             return self._pictures[key]
 
-    def _frame_at(self, t_s: float) -> NDArray[np.float32]:
-        k = int(np.searchsorted(self.sequence.t_s, t_s))
-        return self._once(("frame", k), lambda: self.sequence.frame(k))
-
     def _once(self, key: tuple[object, ...], compute: Callable[[], _T]) -> _T:
         """Return what one thread computes while the others wait."""
         with self._computing:
             if key not in self._computed:
                 self._computed[key] = compute()
-            found: _T = self._computed[key]
-            return found
+            value: _T = self._computed[key]
+            return value
 
 
 def _log(radiance: NDArray[np.floating], dark_level: float) -> NDArray[np.float64]:

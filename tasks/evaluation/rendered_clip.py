@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, Plane, Trajectory
 from tasks.errors import TaskError
-from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.sensor_setting import Setting
@@ -33,18 +32,10 @@ class RenderedClip(Source):
         self.size = self.model.width, self.model.height
         self.contrast_threshold = self.model.contrast_threshold
         self.off_weight = self.model.off_threshold / self.model.contrast_threshold
-
-    def log_image(self) -> Float64:
-        return self.reference.log_image(self.model)
-
-    def log_start(self) -> Float64:
-        return self.reference.log_start(self.model)
-
-    def log_end(self) -> Float64:
-        return self.reference.log_end(self.model)
-
-    def log_white(self) -> float:
-        return self.reference.log_white(self.model)
+        self.log_image = lambda: reference.log_image(setting.model)
+        self.log_start = lambda: reference.log_start(setting.model)
+        self.log_end = lambda: reference.log_end(setting.model)
+        self.log_white = lambda: reference.log_white(setting.model)
 
     def before_us(self) -> int:
         sequence = self.reference.sequence
@@ -52,9 +43,9 @@ class RenderedClip(Source):
         if first_us > self.window.before_us + 1:
             start_s, end_s = sequence.window_s
             raise TaskError(
-                f"dense_flow: found frames from {first_us * 1e-6 * self.speed:g} s on, expected "
-                f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
-                "render clips, without --continuous, with a longer --warm-up"
+                f"dense_flow: frames begin at {first_us * 1e-6 * self.speed:g} s, expected "
+                f"{2 * start_s - end_s:g} s or earlier, one window before the scored one; render "
+                "clips, without --continuous, with a longer --warm-up"
             )
         return self.window.before_us
 
@@ -86,23 +77,46 @@ class RenderedClip(Source):
         )
 
     def true_light(self, method: str) -> TrueLight:
-        if found := unlike_two_poles(self.model):
+        model, sequence = self.model, self.reference.sequence
+        if other := unlike_two_poles(model):
             raise TaskError(
-                f"video, method {method!r}, which is about two poles: found {found}, expected "
+                f"video, method {method!r}, which is about two poles: found {other}, expected "
                 "'two_pole' with one cutoff"
             )
-        model = self.model
-        light = self.reference.sequence, dark_level_of(model)
-        return TrueLight(*light, model.cutoff_hz, self.speed, model.fill_factor)
+        light = dark_level_of(model), model.cutoff_hz, self.speed, model.fill_factor
+        return TrueLight(sequence, *light)
 
     def path(self, task: Tracking) -> Trajectory:
         """Return the true path, in the events' time: a faster camera runs through it sooner."""
-        reference = self.reference
-        start_s = reference.sequence.window_s[0]
-        _check_path(start_s, reference.truth.trajectory.duration_s, self.speed)
+        self._check_path()
         path = path_at(self.pose, 0.0)
-        _check_frames(reference, self.setting, task, round(path.duration_s * 1e6))
+        self._check_frames(round(path.duration_s * 1e6), task.delay_us)
         return path
+
+    def _check_path(self) -> None:
+        """Raise if the scene's path has no spare knot before and after the window's path."""
+        start_s, speed = self.reference.sequence.window_s[0], self.speed
+        end_s = self.reference.truth.trajectory.duration_s
+        first_s = start_s - KNOT_INTERVAL_S * speed
+        last_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
+        if first_s < -1e-9 or end_s < last_s - 1e-9:
+            raise TaskError(
+                f"tracking: the scene's path lasts from 0 to {end_s:g} s, expected at speed "
+                f"{speed:g} all of {first_s:g} to {last_s:g} s, the tracked path and a knot on "
+                "each side; lower the speed, or render clips, without --continuous"
+            )
+
+    def _check_frames(self, duration_us: int, delay_us: int) -> None:
+        """Raise if the frames end before the path, or before its last events come."""
+        end_s = float(self.reference.sequence.t_s[-1])
+        shown_us = round(1e6 * end_s / self.speed) - self.window.start_us
+        if duration_us + delay_us > shown_us + 1:
+            delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
+            raise TaskError(
+                f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window "
+                f"on, at speed {self.speed:g}, expected {1e-3 * duration_us:g} ms for the "
+                f"path{delayed}; lower the speed"
+            )
 
     def pose(self, t_s: Float64) -> Float64:
         truth, start_s = self.reference.truth, self.reference.sequence.window_s[0]
@@ -132,33 +146,20 @@ class RenderedClip(Source):
         }
 
 
-def _check_path(start_s: float, end_s: float, speed: float) -> None:
-    """Refuse windows around whose path that of the scene has no room for a knot on each side."""
-    before_s = KNOT_INTERVAL_S * speed
-    if start_s < before_s - 1e-9:
-        raise TaskError(
-            f"tracking: found a window that starts at {start_s:g} s of the path, expected "
-            f"{before_s:g} s or later, one knot after the path's start; render clips, without "
-            "--continuous"
-        )
-    until_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
-    if end_s < until_s - 1e-9:
-        raise TaskError(
-            f"tracking: found a path that ends at {end_s:g} s, expected {until_s:g} s or later, at "
-            f"speed {speed:g} one knot after the path that is tracked; lower the speed"
-        )
+def farther(T_world_cam: Float64, plane: Plane, times: float) -> Float64:
+    """Move cameras away from a plane, along its normal; `Camera.zoomed` shows the same image.
 
+    Parameters
+    ----------
+    T_world_cam
+        (..., 4, 4) poses.
 
-def _check_frames(
-    reference: ReferenceFrames, setting: Setting, task: Tracking, duration_us: int
-) -> None:
-    """Refuse frames that end before the path, or before its last events come."""
-    shown_us = round(1e6 * float(reference.sequence.t_s[-1]) / setting.speed) - setting.start_us
-    delay_us = task.delay_us
-    if duration_us + delay_us > shown_us + 1:
-        delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
-        raise TaskError(
-            f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window on, at "
-            f"speed {setting.speed:g}, expected {1e-3 * duration_us:g} ms for the path{delayed}; "
-            "lower the speed"
-        )
+    Returns
+    -------
+    (..., 4, 4) poses, with the same rotations.
+    """
+    moved = T_world_cam.copy()
+    normal = np.asarray(plane.normal)
+    distance_m = moved[..., :3, 3] @ normal - plane.offset_m
+    moved[..., :3, 3] += (times - 1) * distance_m[..., None] * normal
+    return moved

@@ -56,7 +56,4 @@ class Setting:
 
     def __post_init__(self) -> None:
         if self.end_us <= self.start_us:
-            raise TaskError(
-                f"speed: found {self.speed:g}, at which a window is shorter than a microsecond, "
-                "expected less"
-            )
+            raise TaskError(f"speed: at {self.speed:g}, a window is shorter than a microsecond")

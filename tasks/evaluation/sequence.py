@@ -70,10 +70,8 @@ def evaluate_sequence(
     spec = TASKS[task]
     check_positive("speed", speed, TaskError)
     if strangers := set(weights or ()) - set(spec.networks):
-        raise WeightsError(f"weights: found {min(strangers)}, expected a network of task {task}")
+        raise WeightsError(f"weights: {min(strangers)} is not a network of task {task}")
     names = tuple(methods) or spec.usual(weights or ())
-    for name in names:
-        check_method(task, name, weights)
     scene = load_scene(sequence.scene_source)
     planar = scene.plane is not None
     kind = "a rendered sequence" if planar else "a scene without [plane]"
@@ -81,27 +79,25 @@ def evaluate_sequence(
     if "a plane" in spec.needs and (lens := sequence.camera.distortion) is not None:
         raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
     settings = settings_of(task, names, weights)
-    windows_before = max((one.windows_before for one in settings.plan()), default=0)
+    windows_before = max((stretch.windows_before for stretch in settings.plan()), default=0)
     truth = ground_truth(sequence)
     if isinstance(camera, int):
         camera = plain_camera(camera, truth.camera(camera).height)
     model = camera.model(lux=lux, cutoff_hz=cutoff_hz, white=sequence.white_level)
-    warn_if_short(sequence, model.cutoff_hz, speed, windows_before, camera.warm_up)
-    warn_if_coarse(sequence)
     for name in names:
         check_method(task, name, weights, [(model.width, model.height)])
-    start_us, end_us = (round(t_s / speed * 1e6) for t_s in sequence.window_s)
+    warn_if_short(sequence, model.cutoff_hz, speed, windows_before, camera.warm_up)
+    warn_if_coarse(sequence)
     start_s, end_s = sequence.window_s
-    t_start_s = (
-        start_s
-        - windows_before * (end_s - start_s)
-        - needed_s(model.cutoff_hz, speed, time_constants=camera.warm_up)
-    )
+    warm_up_s = needed_s(model.cutoff_hz, speed, time_constants=camera.warm_up)
     setting = Setting(
-        *(model, speed, start_us, end_us),
+        model,
+        speed,
+        start_us=round(start_s / speed * 1e6),
+        end_us=round(end_s / speed * 1e6),
         name=camera.name,
         readout=camera.bus,
         illuminance_lux=lux or 0.0,
-        t_start_s=t_start_s,
+        t_start_s=start_s - windows_before * (end_s - start_s) - warm_up_s,
     )
     return evaluate(sequence, truth, [setting], {task: settings}, on_progress).rows

@@ -331,16 +331,11 @@ class Video(NetworkSettings):
     def __post_init__(self) -> None:
         if self.e2vid_window_s is not None and self.e2vid_events_per_px is not None:
             raise TaskError("found e2vid_window_s and e2vid_events_per_px, expected one of them")
-        if 0 < self.every_s * _MAX_IMAGES < self.duration_s:
+        scored_s = self.duration_s - self.run_in_s
+        if self.every_s > 0 and not 0.5 < scored_s / self.every_s <= _MAX_IMAGES:
             raise TaskError(
-                f"every_s: found {self.every_s:g} s, expected at least "
-                f"{self.duration_s / _MAX_IMAGES:g} s, for at most {_MAX_IMAGES} images"
-            )
-        if self.every_s > 0 and self.images < 1:
-            raise TaskError(
-                f"found no image to score with duration_s = {self.duration_s:g}, "
-                f"run_in_s = {self.run_in_s:g} and every_s = {self.every_s:g}, expected a "
-                f"duration_s of at least {self.run_in_s + self.every_s:g}"
+                f"every_s: found {self.every_s:g} s, expected 1 to {_MAX_IMAGES} images between "
+                f"run_in_s = {self.run_in_s:g} and duration_s = {self.duration_s:g}"
             )
 
     def plan(self) -> Mapping[Stretches, Self]:
@@ -357,8 +352,8 @@ class Video(NetworkSettings):
         images_s = self.images * sum(cost.answer_s for cost in costs.values())
         windows_s = 0.0
         for method, cost in costs.items():
-            given_s = self.e2vid_window_s if method == "e2vid" else None
-            windows_s += cost.window_s * self.duration_s / (given_s or _WINDOW_S)
+            window_s = (method == "e2vid" and self.e2vid_window_s) or _WINDOW_S
+            windows_s += cost.window_s * self.duration_s / window_s
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
         return (images_s + windows_s) * share_of_1280(width, height) + pictures * _PICTURE_SCORE_S
 
@@ -419,12 +414,12 @@ def check_methods(
         Width and height of every sensor, px, once for each light and speed.
     """
     sizes = list(sizes)
-    kept: dict[str, int] = {}
+    needed: dict[str, int] = {}
     for task, settings in evaluate.items():
         for planned in settings.plan().values():
             for name in planned.methods:
                 check_method(task, name, planned.weights, sizes)
                 if name in TASKS[task].networks:
-                    one = network(task, name, planned.weights)
-                    kept[name] = sum(one.kept_bytes(*size) for size in sizes)
-    check_kept({name: size for name, size in kept.items() if size}, len(sizes))
+                    loaded = network(task, name, planned.weights)
+                    needed[name] = sum(loaded.kept_bytes(*size) for size in sizes)
+    check_kept({name: size for name, size in needed.items() if size}, len(sizes))

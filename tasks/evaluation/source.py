@@ -110,32 +110,64 @@ class Source:
     """Events in a window, and what is known of the scene behind them.
 
     A scorer asks only for what its task lists in `TaskSpec.needs`; a source implements what it has.
+
+    Attributes
+    ----------
+    name
+        Name of its file or folder, for errors.
+    window
+        The scored window.
+    size
+        Width and height of the sensor, px.
+    contrast_threshold
+        C, log units.
+    off_weight
+        What an OFF event is worth, in units of C.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+    search_from
+        Where searches start.
+    parts
+        Reads the events, if they are stored.
+    log_image
+        (h, w) log light at the window's start on the sensor's grid, NaN if unknown.
+    log_start, log_end, log_white
+        (H, W) log light at the window's start and end, as images are compared; log light of white.
+    points
+        Points at which flow is scored.
+    images
+        Images of a video.
+    path
+        The true path from the window's start on.
+    pose
+        (N, 4, 4) poses at (N,) seconds after the window's start.
+    camera, plane
+        The camera, of the sensor's size, and the plane that it sees.
+    seeds
+        Seeds of the initial path's errors, and of the choice of pixels.
+    columns
+        What the row of a score says of the source: scene, cutoff_hz, speed, sample, ..
     """
 
-    window: Window  # the scored one
-    size: tuple[int, int]  # width and height of the sensor, px
-    contrast_threshold: float  # C, log units
-    off_weight: float = 1.0  # what an OFF event is worth, in units of C
-    speed: float = 1.0  # factor by which the scene is faster than its own time
-    search_from: Literal["truth", "zero"] = "truth"  # where searches start
-    parts: Callable[[], Iterator[Events]]  # reads the events, if they are stored
-    # (h, w) log light at the window's start on the sensor's grid, NaN if unknown; (H, W) at its
-    # start and end, as images are compared; log light of white.
+    name: str
+    window: Window
+    size: tuple[int, int]
+    contrast_threshold: float
+    off_weight: float = 1.0
+    speed: float = 1.0
+    search_from: Literal["truth", "zero"] = "truth"
+    parts: Callable[[], Iterator[Events]]
     log_image: Callable[[], Float64]
     log_start: Callable[[], Float64]
     log_end: Callable[[], Float64]
     log_white: Callable[[], float]
-    points: Callable[[Flow | DenseFlow], FlowPoints]  # at which flow is scored
-    images: Callable[[Video], Images]  # of a video
-    # The true path from the window's start on, poses at (N,) seconds after it, the camera, of the
-    # sensor's size, and the plane that it sees.
+    points: Callable[[Flow | DenseFlow], FlowPoints]
+    images: Callable[[Video], Images]
     path: Callable[[Tracking], Trajectory]
     pose: Callable[[Float64], Float64]
     camera: Callable[[], Camera]
     plane: Callable[[], Plane | None]
-    # Seeds of the initial path's errors, and of the choice of pixels.
     seeds: Callable[[Tracking], tuple[int | list[int], int]]
-    # What the row of a score says of the source: scene, cutoff_hz, speed, sample, ..
     columns: Callable[[Score], dict[str, Any]]
 
     def before_us(self) -> int:
@@ -148,7 +180,7 @@ class Source:
 
     def true_light(self, method: str) -> TrueLight:
         """Return the light behind the events, for diagnostics of video."""
-        raise TaskError(f"video, method {method!r}: needs the light of a rendered sequence")
+        raise TaskError(f"{self.name}: method {method!r} needs a rendered sequence")
 
 
 def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]) -> FlowPoints:
@@ -171,8 +203,7 @@ def true_points(features: Features, task: Flow | DenseFlow, items: Sequence[int]
 def check_needs(task: str, where: object, kind: str, has: frozenset[str]) -> None:
     """Raise if a kind of source, such as "a recording", lacks what a task needs."""
     spec = TASKS[task]
-    lacking = [name for name in spec.needs if name not in has]
-    if lacking:
+    if lacking := [name for name in spec.needs if name not in has]:
         raise TaskError(
             f"{where}: {spec.title} needs {' and '.join(lacking)}, which {kind} does not have"
         )
@@ -183,14 +214,16 @@ def row_of(
 ) -> Row:
     """Return a score as a row."""
     names = "method", "value", "variant", "item", "failure"
-    values = {name: getattr(score, name) for name in names} | {
-        "width": source.size[0],
-        "contrast_threshold": source.contrast_threshold,
-        "metric": score.metric or TASKS[task].metric.name,
-        "event_rate_hz": event_rate_hz,
-        "dropped": dropped,
-    }
-    return Row(task=task, **{**values, **source.columns(score)})
+    values = {name: getattr(score, name) for name in names} | source.columns(score)
+    values.setdefault("event_rate_hz", event_rate_hz)
+    return Row(
+        task=task,
+        width=source.size[0],
+        contrast_threshold=source.contrast_threshold,
+        metric=score.metric or TASKS[task].metric.name,
+        dropped=dropped,
+        **values,
+    )
 
 
 def score_stored(task: str, source: Source, settings: TaskSettings) -> list[Row]:

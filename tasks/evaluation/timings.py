@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+import time
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from eres_render.sequence.sequence import Rendered
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
+
+
+class Stopwatch:
+    """Adds up wall-clock seconds by stage: `with stopwatch("reading"): ...`."""
+
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Add the time spent in this context to a stage."""
+        started_s = time.perf_counter()
+        yield
+        self.seconds[stage] += time.perf_counter() - started_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +125,9 @@ class JobTimings:
 
 def of_one_job(parts: Sequence[JobTimings], before: Rendered) -> JobTimings:
     """Return the timings of a job whose sensors were evaluated in several parts."""
-    summed = (
-        *("frames", "reading_s", "sensors", "pixel_frames", "events", "simulating_s"),
-        *("collecting_s", "scoring_s", "rendered_frames", "rendering_s"),
-    )
-    total = {name: sum(getattr(part, name) for part in parts) for name in summed}
+    counts = "frames", "sensors", "pixel_frames", "events", "rendered_frames"
+    times = "reading_s", "simulating_s", "collecting_s", "scoring_s", "rendering_s"
+    total = {name: sum(getattr(part, name) for part in parts) for name in (*counts, *times)}
     total["rendered_frames"] += before.frames
     total["rendering_s"] += before.seconds
     methods = tuple(method for part in parts for method in part.methods)
@@ -158,5 +173,5 @@ def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobT
         Keys of the jobs; the files of others, of earlier studies, are left out. None for all.
     """
     files = [f for f in sorted(folder.glob("*.json")) if jobs is None or f.stem in jobs]
-    found = [read_json(JobTimings, file, ResultError) for file in files]
-    return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))
+    timings = [read_json(JobTimings, file, ResultError) for file in files]
+    return sorted(timings, key=lambda job: (job.scene, job.sample, len(job.methods)))

@@ -6,9 +6,9 @@ import io
 import pickle
 import re
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +17,8 @@ from eres_render.errors import reading
 from eres_render.storage.atomic import write_bytes
 from sensor.growth import check_growth
 from tasks.errors import WeightsError
+
+N = TypeVar("N", bound=nn.Module)
 
 _SHOWN = 4  # names that a message lists
 
@@ -55,46 +57,43 @@ def _check_entries(file: Path) -> None:
     if not zipfile.is_zipfile(file):
         return
     with zipfile.ZipFile(file) as entries:
-        for one in entries.infolist():
-            check_growth(one.file_size, one.compress_size)
+        for entry in entries.infolist():
+            check_growth(entry.file_size, entry.compress_size)
         damaged = entries.testzip()
     if damaged is not None:
         raise WeightsError(f"{file}: damaged: {damaged} differs from its checksum")
 
 
-def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
+def tensors_of(content: Any, file: Path) -> dict[str, Tensor]:
     """Return a state dict from the content of a checkpoint."""
-    entries = found.items() if isinstance(found, Mapping) else ()
+    entries = content.items() if isinstance(content, Mapping) else ()
     if not entries or not all(isinstance(k, str) and isinstance(v, Tensor) for k, v in entries):
-        raise WeightsError(f"{file}: found {held(found)}, expected tensors by name")
+        raise WeightsError(f"{file}: found {held(content)}, expected tensors by name")
     return dict(entries)
 
 
-def held(found: Any) -> str:
+def held(content: Any) -> str:
     """Describe what a checkpoint holds."""
-    if isinstance(found, Mapping):
-        architecture = f"arch {found['arch']!r} and " if "arch" in found else ""
-        entries = "1 entry" if len(found) == 1 else f"{len(found)} entries"
-        return f"a table with {architecture}{entries}: {_listed(map(str, found))}"
-    return f"a {type(found).__name__}"
+    if isinstance(content, Mapping):
+        architecture = f"arch {content['arch']!r} and " if "arch" in content else ""
+        entries = "1 entry" if len(content) == 1 else f"{len(content)} entries"
+        return f"a table with {architecture}{entries}: {_listed(map(str, content))}"
+    return f"a {type(content).__name__}"
 
 
-def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> None:
-    """Put weights into a network that was made on the device "meta"."""
-    expected = network.state_dict()
-    for name in expected:
-        if name not in state:
-            raise WeightsError(f"{file}: {name}: missing, expected {_shape(expected[name])}")
-        if state[name].shape != expected[name].shape:
-            raise WeightsError(
-                f"{file}: {name}: found {_shape(state[name])}, expected {_shape(expected[name])}"
-            )
-    if others := [name for name in state if name not in expected]:
-        raise WeightsError(f"{file}: found entries of another network: {_listed(others)}")
+def with_weights(make: Callable[[], N], state: Mapping[str, Tensor], file: Path) -> N:
+    """Make a network on the device "meta", and put weights into it."""
+    with torch.device("meta"):
+        network = make()
+    tensors = network.state_dict()
+    for name in {**tensors, **state}:
+        value, expected = _shape(state.get(name)), _shape(tensors.get(name))
+        if value != expected:
+            raise WeightsError(f"{file}: {name}: found {value}, expected {expected}")
     network.load_state_dict(
-        {name: _as(state[name], expected[name].dtype, name, file) for name in expected},
-        assign=True,
+        {name: _as(state[name], tensors[name].dtype, name, file) for name in tensors}, assign=True
     )
+    return network
 
 
 def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
@@ -105,10 +104,10 @@ def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
         raise WeightsError(
             f"{file}: {name}: found {_kind(tensor)}, expected {_plain(dtype)} numbers"
         )
-    found = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
-    if not torch.isfinite(found).all():
+    values = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
+    if not torch.isfinite(values).all():
         raise WeightsError(f"{file}: {name}: found values that are not finite as {_plain(dtype)}")
-    return found
+    return values
 
 
 def _kind(tensor: Tensor) -> str:
@@ -116,8 +115,8 @@ def _kind(tensor: Tensor) -> str:
     return f"{_plain(tensor.dtype)} values, {kinds}"
 
 
-def _plain(one: torch.dtype | torch.layout) -> str:
-    return str(one).removeprefix("torch.")
+def _plain(kind: torch.dtype | torch.layout) -> str:
+    return str(kind).removeprefix("torch.")
 
 
 def check_bins(bins: int, file: Path) -> int:
@@ -127,8 +126,8 @@ def check_bins(bins: int, file: Path) -> int:
     return bins
 
 
-def _shape(tensor: Tensor) -> str:
-    return f"shape {tuple(tensor.shape)}"
+def _shape(tensor: Tensor | None) -> str:
+    return "no such entry" if tensor is None else f"shape {tuple(tensor.shape)}"
 
 
 def _listed(names: Iterable[str]) -> str:

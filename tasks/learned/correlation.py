@@ -66,13 +66,13 @@ class Correlation:
         places = at.permute(0, 2, 3, 1)
         blocks = zip(self._old.split(rows, dim=1), places.split(rows, dim=1), strict=True)
         with torch.autocast(at.device.type, enabled=False):
-            found = [
+            correlations = [
                 torch.cat(
                     [_around(*block, new, 2**level) for level, new in enumerate(self._new)], dim=1
                 )
                 for block in blocks
             ]
-        return torch.cat(found, dim=2)
+        return torch.cat(correlations, dim=2)
 
     @cached_property
     def _new_by_cell(self) -> list[NDArray[np.float32]]:
@@ -81,7 +81,7 @@ class Correlation:
 
     def _look_up_by_kernel(self, at: Tensor) -> Tensor:
         old, levels, places = self._old.numpy(), self._new_by_cell, at.contiguous().numpy()
-        found = np.empty((*old.shape[:3], CHANNELS), np.float32)
+        out = np.empty((*old.shape[:3], CHANNELS), np.float32)
         threads = torch.get_num_threads()
         rows = np.linspace(0, old.shape[1], threads * _BANDS_A_THREAD + 1).astype(int)
 
@@ -90,7 +90,7 @@ class Correlation:
             products = np.empty((SIDE, SIDE), np.float32)
             for image in range(len(old)):
                 for level, new in enumerate(levels):
-                    around = found[image, ..., _PLACES * level : _PLACES * (level + 1)]
+                    around = out[image, ..., _PLACES * level : _PLACES * (level + 1)]
                     scale = np.float32(0.5**level)
                     inputs = old[image], new[image], scale, places[image]
                     look_up(rows[k], rows[k + 1], *inputs, products, around)
@@ -98,7 +98,7 @@ class Correlation:
 
         with ThreadPoolExecutor(threads) as workers:
             add_cpu_s(sum(workers.map(band, range(len(rows) - 1))))
-        return torch.from_numpy(found).permute(0, 3, 1, 2)
+        return torch.from_numpy(out).permute(0, 3, 1, 2)
 
 
 def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
@@ -114,19 +114,19 @@ def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
     count, rows, width, channels = old.shape
     x, y = (places / pooled).reshape(-1, 2).T
     first, end = _rows_around(y, new.shape[2])
-    seen = new[:, :, first:end]
-    products = old.reshape(count, -1, channels) @ seen.flatten(2)
+    rows_seen = new[:, :, first:end]
+    products = old.reshape(count, -1, channels) @ rows_seen.flatten(2)
     steps = torch.arange(-RADIUS, RADIUS + 1).to(places)
     # In grid_sample, -1 and 1 are the centers of the first and the last cell.
-    columns = 2 * (x[:, None] + steps) / (seen.shape[3] - 1) - 1
-    lines = 2 * (y[:, None] - first + steps) / (seen.shape[2] - 1) - 1
+    columns = 2 * (x[:, None] + steps) / (rows_seen.shape[3] - 1) - 1
+    lines = 2 * (y[:, None] - first + steps) / (rows_seen.shape[2] - 1) - 1
     points = torch.stack(
         [columns[:, :, None].expand(-1, -1, len(steps)), lines[:, None].expand(-1, len(steps), -1)],
         dim=-1,
     )
-    maps = products.reshape(-1, 1, *seen.shape[2:])
-    found = functional.grid_sample(maps, points, align_corners=True)
-    return found.reshape(count, rows, width, -1).permute(0, 3, 1, 2)
+    maps = products.reshape(-1, 1, *rows_seen.shape[2:])
+    values = functional.grid_sample(maps, points, align_corners=True)
+    return values.reshape(count, rows, width, -1).permute(0, 3, 1, 2)
 
 
 def _rows_around(y: Tensor, height: int) -> tuple[int, int]:

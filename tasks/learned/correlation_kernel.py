@@ -13,7 +13,7 @@ SIDE = 2 * RADIUS + 2  # cells that interpolation reads along each axis
 
 
 @compiler(fastmath={"contract", "reassoc"}, _nrt=False)
-def look_up(first, last, old, new, scale, places, products, found):
+def look_up(first, last, old, new, scale, places, products, out):
     """Look up the correlations of some rows of old cells at one resolution.
 
     The 81 places around a cell are one cell apart, so they share 10 x 10 inner products.
@@ -28,7 +28,7 @@ def look_up(first, last, old, new, scale, places, products, found):
         (2, h, w) float32, x first, in cells of `old`; integers are centers.
     products
         (10, 10) float32, overwritten.
-    found
+    out
         (h, w, 81) float32, written: column by column of the offsets from -4 to 4, interpolated
         bilinearly, 0 outside the image and at places that are not finite.
     """
@@ -36,7 +36,7 @@ def look_up(first, last, old, new, scale, places, products, found):
     for i in range(first, last):
         for j in range(old.shape[1]):
             x, y = scale * places[0, i, j] - RADIUS, scale * places[1, i, j] - RADIUS
-            around = found[i, j]
+            around = out[i, j]
             if not (-SIDE < x < width and -SIDE < y < height):
                 around[:] = 0.0
                 continue

@@ -16,7 +16,9 @@ from typing import Any, TypeVar
 import torch
 
 from eres_render.cores import cores
+from sensor.memory import memory_bytes
 from tasks.cpu_time import add_cpu_s, cpu_s
+from tasks.errors import WeightsError
 
 T = TypeVar("T")
 _THREADS = Path("/proc/self/task")  # Linux
@@ -33,6 +35,23 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
     answer, spent_s = _networks.submit(_counted, function, arguments).result()
     add_cpu_s(spent_s)
     return answer
+
+
+def check_memory(name: str, width: int, height: int, needed: int) -> None:
+    """Check that a network fits into memory.
+
+    Parameters
+    ----------
+    width, height
+        Size of the image, px.
+    needed
+        Memory that it needs, bytes.
+    """
+    if needed > memory_bytes():
+        raise WeightsError(
+            f"{name}: at {width}x{height} px it needs {needed / 1e9:.1f} GB of memory, and this "
+            f"machine has {memory_bytes() / 1e9:.1f} GB; choose a smaller sensor"
+        )
 
 
 def has_bfloat16() -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,8 @@ from torch.nn import functional
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import check_bins, held, load_into, read_checkpoint, tensors_of
+from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
-from tasks.learned.size import check_memory
 
 ARCHITECTURE = "E2VIDRecurrent"
 _ROOT = "unetrecurrent."
@@ -47,23 +47,20 @@ class E2vidNetwork:
         width, height
             Size of the sensor, px.
         """
-        multiple = 2**self._network.options.num_encoders
-        side = min(width, height)
-        if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
-            raise WeightsError(
-                f"{self._name}: found a sensor of {width}x{height} px, expected at least "
-                f"{(multiple + 4) // 3} px on each side"
-            )
-        if self._network.options.norm == "IN" and max(width, height) <= multiple:
-            raise WeightsError(
-                f"{self._name}: found a sensor of {width}x{height} px, expected more than "
-                f"{multiple} px on a side, as it normalizes over the image"
-            )
         options = self._network.options
+        multiple, side, expected = 2**options.num_encoders, min(width, height), ""
+        if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
+            expected = f"at least {(multiple + 4) // 3} px on each side"
+        elif options.norm == "IN" and max(width, height) <= multiple:
+            expected = f"more than {multiple} px on a side, as it normalizes over the image"
+        if expected:
+            raise WeightsError(
+                f"{self._name}: found a sensor of {width}x{height} px, expected {expected}"
+            )
         is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
         per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
         needed = per_channel * options.base_num_channels * width * height
-        check_memory(self._name, width, height, needed)
+        cpu.check_memory(self._name, width, height, needed)
 
     def kept_bytes(self, width: int, height: int) -> int:
         """Return what a sensor keeps between windows; the events of a window come on top.
@@ -129,18 +126,15 @@ def load(file: Path) -> E2vidNetwork:
         A checkpoint as published: a table with `arch`, `state_dict` and, under `model` or under
         `config`, the options.
     """
-    found = read_checkpoint(file)
-    if not isinstance(found, Mapping) or "state_dict" not in found:
-        raise WeightsError(f"{file}: found {held(found)}, expected arch and state_dict of E2VID")
-    if found.get("arch", ARCHITECTURE) != ARCHITECTURE:
-        raise WeightsError(f"{file}: arch: found {found['arch']!r}, expected {ARCHITECTURE!r}")
-    state = tensors_of(found["state_dict"], file)
+    content = read_checkpoint(file)
+    if not isinstance(content, Mapping) or "state_dict" not in content:
+        raise WeightsError(f"{file}: found {held(content)}, expected arch and state_dict of E2VID")
+    if content.get("arch", ARCHITECTURE) != ARCHITECTURE:
+        raise WeightsError(f"{file}: arch: found {content['arch']!r}, expected {ARCHITECTURE!r}")
+    state = tensors_of(content["state_dict"], file)
     options = options_of(state, file)
-    _check_options(_stored_options(found), options, file)
-    with torch.device("meta"):
-        network = E2VIDRecurrent(options)
-    load_into(network, state, file)
-    return E2vidNetwork(network)
+    _check_options(content, options, file)
+    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options), state, file))
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
@@ -171,26 +165,19 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
     )
 
 
-def _stored_options(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """Return the options that the file states, None if it states none."""
-    config = found.get("config")
+def _check_options(content: Mapping[str, Any], options: E2vidOptions, file: Path) -> None:
+    """Check that the options in a file, if it has some, match its weights."""
+    config = content.get("config")
     inner = config.get("model") if isinstance(config, Mapping) else None
-    stored = found.get("model", inner)
-    return stored if isinstance(stored, Mapping) else None
-
-
-def _check_options(stored: Mapping[str, Any] | None, options: E2vidOptions, file: Path) -> None:
-    """Check that the options in a file match its weights."""
-    if stored is None:
+    stored = content.get("model", inner)
+    if not isinstance(stored, Mapping):
         return
-    of_weights = asdict(options)
     for field in fields(E2vidOptions):
         default = None if field.default is MISSING else field.default
-        said = stored.get(field.name, default)
-        if field.name == "norm" and said not in ("BN", "IN"):
-            said = None  # any other word means none
-        if isinstance(said, Tensor) or said != of_weights[field.name]:
+        value, expected = stored.get(field.name, default), getattr(options, field.name)
+        if field.name == "norm" and value not in ("BN", "IN"):
+            value = None  # any other word means none
+        if isinstance(value, Tensor) or value != expected:
             raise WeightsError(
-                f"{file}: {field.name}: found {said!r}, expected {of_weights[field.name]!r}, as "
-                "in the weights"
+                f"{file}: {field.name}: found {value!r}, expected {expected!r}, as in the weights"
             )

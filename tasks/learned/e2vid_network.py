@@ -125,7 +125,7 @@ class _Conv(nn.Module):
     ) -> None:
         super().__init__()
         self.conv2d = nn.Conv2d(channels, out, side, stride, side // 2, bias=norm != "BN")
-        _add_norm(self, norm, out)
+        self.norm_layer = _normalization(norm, out, with_statistics=True)
 
     def forward(self, x: Tensor) -> Tensor:
         return self.norm_layer(self.conv2d(x))
@@ -150,14 +150,10 @@ class _TransposedConv(nn.Module):
         self.transposed_conv2d = nn.ConvTranspose2d(
             channels, out, 5, stride=2, padding=2, output_padding=1, bias=norm != "BN"
         )
-        _add_norm(self, norm, out)
+        self.norm_layer = _normalization(norm, out, with_statistics=True)
 
     def forward(self, x: Tensor) -> Tensor:
         return self.norm_layer(self.transposed_conv2d(x))
-
-
-def _add_norm(layer: nn.Module, norm: str | None, channels: int) -> None:
-    layer.norm_layer = _normalization(norm, channels, with_statistics=True)
 
 
 def _normalization(norm: str | None, channels: int, *, with_statistics: bool) -> nn.Module:
@@ -195,9 +191,9 @@ class _ConvLSTM(nn.Module):
         # By bands of rows: new memory for nine images at once costs more than the arithmetic.
         new = torch.empty_like(cell), torch.empty_like(cell)
         rows = max(1, _BAND // (gates.shape[1] * gates.shape[3]))
-        for parts in zip(*(one.split(rows, dim=2) for one in (*new, gates, cell)), strict=True):
-            for target, found in zip(parts[:2], _remember(*parts[2:]), strict=True):
-                target.copy_(found)
+        for parts in zip(*(x.split(rows, dim=2) for x in (*new, gates, cell)), strict=True):
+            for target, state_part in zip(parts[:2], _remember(*parts[2:]), strict=True):
+                target.copy_(state_part)
         return new
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from torch import Tensor
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import check_bins, held, load_into, read_checkpoint, tensors_of
+from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.eraft_network import ERAFT, ITERATIONS
-from tasks.learned.size import check_memory
+
+Float32 = NDArray[np.float32]
 
 # Images are padded to multiples of 32 px. At 96 px the coarsest level of the correlation has one
 # cell and nothing to interpolate; between, much of an image would be padding.
@@ -23,6 +25,7 @@ MIN_PX = 128
 # the process in docs/learned.md has 1050 at 1280 px, of which PyTorch itself is a part.
 _BYTES_PER_PX = 850
 _FIRST = "fnet.conv1.weight"
+_CHANNELS = 64  # of the first layer as published
 # The published code stores one normalization under both names.
 _TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
 
@@ -46,7 +49,7 @@ class ERaft:
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
                 f"{MIN_PX} px on each side"
             )
-        check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
+        cpu.check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 
     def kept_bytes(self, width: int, height: int) -> int:
         """Return what a sensor keeps between windows besides events.
@@ -58,12 +61,7 @@ class ERaft:
         """
         return 0
 
-    def flow(
-        self,
-        old: NDArray[np.float32],
-        new: NDArray[np.float32],
-        iterations: int = ITERATIONS,
-    ) -> NDArray[np.float32]:
+    def flow(self, old: Float32, new: Float32, iterations: int = ITERATIONS) -> Float32:
         """Return the flow over the new window.
 
         Parameters
@@ -77,29 +75,37 @@ class ERaft:
         """
         return cpu.run(self._flow, old, new, iterations)
 
-    def _flow(
-        self, old: NDArray[np.float32], new: NDArray[np.float32], iterations: int
-    ) -> NDArray[np.float32]:
+    def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
         _, full = self._network(*grids, iterations)
-        found: NDArray[np.float32] = full[-1][0].numpy()
-        return found
+        flow: Float32 = full[-1][0].numpy()
+        return flow
 
 
 def load(file: Path) -> ERaft:
     """Read E-RAFT's weights."""
-    found = read_checkpoint(file)
-    model = found.get("model") if isinstance(found, Mapping) else None
+    content = read_checkpoint(file)
+    model = content.get("model") if isinstance(content, Mapping) else None
     if not isinstance(model, Mapping) or _FIRST not in model:
-        raise WeightsError(f"{file}: found {held(found)}, expected the weights of E-RAFT as model")
-    state = _with_both_names(tensors_of(model, file), file)
-    if state[_FIRST].ndim != 4:
-        raise WeightsError(f"{file}: {_FIRST}: found {state[_FIRST].ndim} axes, expected 4")
-    bins = check_bins(state[_FIRST].shape[1], file)
-    with torch.device("meta"):
-        network = ERAFT(bins)
-    load_into(network, state, file)
-    return ERaft(network, bins)
+        raise WeightsError(
+            f"{file}: found {held(content)}, expected the weights of E-RAFT as model"
+        )
+    return eraft_of(_with_both_names(tensors_of(model, file), file), file, (1,))
+
+
+def eraft_of(
+    state: Mapping[str, Tensor], file: Path, divisors: Sequence[int], name: str = "eraft"
+) -> ERaft:
+    """Return a network with weights, which divides the published numbers of channels."""
+    shape = tuple(state[_FIRST].shape) if _FIRST in state else ()
+    narrower = [n for n in divisors if len(shape) == 4 and shape[0] == _CHANNELS // n]
+    if not narrower:
+        channels = " or ".join(str(_CHANNELS // n) for n in divisors)
+        raise WeightsError(
+            f"{file}: {_FIRST}: found shape {shape}, expected four axes, the first of {channels}"
+        )
+    bins = check_bins(shape[1], file)
+    return ERaft(with_weights(partial(ERAFT, bins, narrower[0]), state, file), bins, name)
 
 
 def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
@@ -110,7 +116,5 @@ def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
             for name in [name for name in state if name.startswith(start)]:
                 twin = other + name.removeprefix(start)
                 if not torch.equal(whole.setdefault(twin, state[name]), state[name]):
-                    raise WeightsError(
-                        f"{file}: found other values of {twin} than of {name}, expected the same"
-                    )
+                    raise WeightsError(f"{file}: {twin} and {name} differ, expected the same")
     return whole

@@ -6,6 +6,8 @@ Gehrig, Millhäusler, Gehrig and Scaramuzza, "E-RAFT: Dense Optical Flow from Ev
 
 from __future__ import annotations
 
+from collections import OrderedDict
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -35,11 +37,7 @@ class ERAFT(nn.Module):
         self.update_block = _UpdateBlock(narrower)
 
     def forward(
-        self,
-        old: Tensor,
-        new: Tensor,
-        iterations: int = ITERATIONS,
-        start: Tensor | None = None,
+        self, old: Tensor, new: Tensor, iterations: int = ITERATIONS, start: Tensor | None = None
     ) -> tuple[Tensor, list[Tensor]]:
         """Return how far pixels move from the end of the old window to that of the new one.
 
@@ -170,7 +168,13 @@ class _UpdateBlock(nn.Module):
         hidden = _HIDDEN // narrower
         self.encoder = _MotionEncoder(narrower)
         self.gru = _SeparableGRU(hidden)
-        self.flow_head = _FlowHead(hidden)
+        self.flow_head = nn.Sequential(
+            OrderedDict(
+                conv1=nn.Conv2d(hidden, 2 * hidden, 3, padding=1),
+                relu=nn.ReLU(),
+                conv2=nn.Conv2d(2 * hidden, 2, 3, padding=1),
+            )
+        )
         self.mask = nn.Sequential(
             nn.Conv2d(hidden, 2 * hidden, 3, padding=1),
             nn.ReLU(),
@@ -226,14 +230,3 @@ class _SeparableGRU(nn.Module):
             q = torch.tanh(candidate(torch.cat([r * hidden, x], dim=1)))
             hidden = (1 - z) * hidden + z * q
         return hidden
-
-
-class _FlowHead(nn.Module):
-    def __init__(self, hidden: int) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(hidden, 2 * hidden, 3, padding=1)
-        self.conv2 = nn.Conv2d(2 * hidden, 2, 3, padding=1)
-
-    def forward(self, hidden: Tensor) -> Tensor:
-        step: Tensor = self.conv2(functional.relu(self.conv1(hidden)))
-        return step

@@ -61,15 +61,15 @@ def load_method(
     module, _, function = TASKS[task].method(name).place.partition(":")
     import_module = importlib.import_module if name in listed else import_own
     try:
-        found = getattr(import_module(module), function, None)
+        method = getattr(import_module(module), function, None)
     except Exception as error:  # a user's module may raise anything
-        said = str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
-        raise TaskError(f"{task}, method {name!r}: cannot be imported: {said}") from error
-    if not callable(found):
+        kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
+        raise TaskError(f"{task}, method {name!r}: cannot be imported: {kind}{error}") from error
+    if not callable(method):
         raise TaskError(f"{task}, method {name!r}: found no function {function!r} in {module}")
     if name in TASKS[task].networks:
-        found = partial(found, network=network(task, name, weights))
-    return found
+        method = partial(method, network=network(task, name, weights))
+    return method
 
 
 def task_of(name: str) -> str:
@@ -81,21 +81,18 @@ def task_of(name: str) -> str:
     Raises
     ------
     TaskError
-        No task or several have a method of that name, or the first parameter is of no task.
+        No task or several tasks have a method of that name, or the type of the first parameter
+        belongs to no task.
     """
     if ":" not in name:
         tasks = [task for task in TASKS if name in TASKS[task].methods]
-        if not tasks:
-            known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
-            raise TaskError(f"no method {name!r}, {suggestion(name, known)}")
-        if len(tasks) > 1:
-            raise TaskError(
-                f"method {name!r}: found it in {' and '.join(tasks)}, expected one task"
-            )
-        return tasks[0]
+        if len(tasks) == 1:
+            return tasks[0]
+        known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
+        several = f"method {name!r} is of several tasks: {', '.join(tasks)}"
+        raise TaskError(several if tasks else f"no method {name!r}, {suggestion(name, known)}")
     function = load_method(next(iter(TASKS)), name)
-    told = _told_tasks(function)
-    if not told:
+    if not (told := _told_tasks(function)):
         expected = ", ".join(sample.__name__ for sample in _samples().values())
         raise TaskError(
             f"method {name!r}: found {_first_type(function)} as the type of its first parameter, "
@@ -136,12 +133,12 @@ def check_method(
             network(task, name, weights).check_size(*size)
     told = _told_tasks(function) if TASKS[task].is_own(name) else []
     if told and task not in told:
-        found, expected = (
-            f"a function of a {_samples()[one].__name__}" if TASKS[one].sample else "a class"
-            for one in (told[0], task)
+        kind, expected = (
+            f"a function of a {_samples()[each].__name__}" if TASKS[each].sample else "a class"
+            for each in (told[0], task)
         )
         raise TaskError(
-            f"{task}, method {name!r}: found {found}, which is for {told[0]}, expected {expected}"
+            f"{task}, method {name!r}: found {kind}, which is for {told[0]}, expected {expected}"
         )
 
 
@@ -190,25 +187,23 @@ def _files_of(own: str) -> list[Path]:
     named, _, function = own.partition(":")
     module = import_own(named)
     method = getattr(module, function, None)
-    found = []
+    files: dict[str | None, None] = {}
     for part in (module, inspect.unwrap(method) if callable(method) else module):
         with suppress(TypeError):  # has no source
-            found.append(inspect.getsourcefile(part))
-    paths = [Path(file) for file in dict.fromkeys(found) if file]
+            files[inspect.getsourcefile(part)] = None
+    paths = [Path(file) for file in files if file]
     return [path for path in paths if path.is_file()]  # modules of Python itself may have none
 
 
 def _digest_of_own(place: str) -> str:
     """Return the SHA-256 of the files of a user's code; refuse files that differ from what runs."""
-    found = " ".join(sha256(file) for file in _files_of(place))
+    digest = " ".join(sha256(file) for file in _files_of(place))
     spec = import_own(place.partition(":")[0]).__spec__  # another one after a reload
     if place not in _imported or _imported[place][0] is not spec:
-        _imported[place] = spec, found
-    if _imported[place][1] != found:
-        raise TaskError(
-            f"{place}: found other files than when it was imported; start this process again"
-        )
-    return found
+        _imported[place] = spec, digest
+    if _imported[place][1] != digest:
+        raise TaskError(f"{place}: its files have changed since its import; restart this process")
+    return digest
 
 
 def code_of_tasks(methods: Mapping[str, Iterable[str]]) -> dict[str, str]:
@@ -235,15 +230,15 @@ def code_of_tasks(methods: Mapping[str, Iterable[str]]) -> dict[str, str]:
 def versions() -> dict[str, int]:
     """Return the numbers of our methods by name, without those of 1."""
     listed = [(name, spec.method(name).version) for spec in TASKS.values() for name in spec.methods]
-    return dict(sorted(one for one in listed if one[1] > 1))  # of equal names, the highest
+    return dict(sorted(entry for entry in listed if entry[1] > 1))  # of equal names, the highest
 
 
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
     """Identify the code of methods, and the weights of their networks, to detect changes.
 
-    Our methods have a number, the `version` of their `MethodSpec`; a user's method is identified by
-    the SHA-256 of the file that its name gives, and of the one that defines it if that is another;
-    weights by theirs.
+    Our methods have a number, the `version` of their `MethodSpec`. A user's method is identified by
+    the SHA-256 of the file that its name gives and, if another file defines it, of that file.
+    Weights are identified by the SHA-256 of their file.
 
     Parameters
     ----------
@@ -256,12 +251,12 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     -------
     Number or digest by the method's name; methods with number 1 and no weights are left out.
     """
-    found, numbers = {}, versions()
+    code, numbers = {}, versions()
     for name in names:
         if ":" in name:
-            found[name] = _digest_of_own(name)
+            code[name] = _digest_of_own(name)
         elif name in numbers:
-            found[name] = str(numbers[name])
+            code[name] = str(numbers[name])
         if file := weights_of(name, weights):
-            found[name] = f"{numbers.get(name, 1)} {digest_of(file)}"
-    return found
+            code[name] = f"{numbers.get(name, 1)} {digest_of(file)}"
+    return code

@@ -17,7 +17,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.errors import check_positive
 from sensor import Events
 from sensor.events import concatenate
 from sensor.representations import voxel_grid
@@ -57,10 +56,6 @@ class Network(Protocol):
     @property
     def bins(self) -> int: ...
 
-    def check_size(self, width: int, height: int) -> None:
-        """As `E2vidNetwork.check_size`."""
-        ...
-
     def image(self, grid: NDArray[np.float32], states: Any) -> tuple[NDArray[np.float32], Any]:
         """As `E2vidNetwork.image`."""
         ...
@@ -79,8 +74,6 @@ class E2vid:
         Number of events per pixel in a window, instead of a length; the original has 0.35.
     """
 
-    NAME = "e2vid"  # in errors
-
     def __init__(
         self,
         width: int,
@@ -91,12 +84,8 @@ class E2vid:
         window_us: float = WINDOW_US,
         events_per_px: float | None = None,
     ) -> None:
-        network.check_size(width, height)
-        for name, value in (("window_us", window_us), ("events_per_px", events_per_px)):
-            if value is not None:
-                check_positive(f"{self.NAME}: {name}", value, TaskError)
         self._network, self._window_us = network, window_us
-        self._count = None
+        self._count: int | None = None
         if events_per_px is not None:
             self._count = max(1, math.floor(events_per_px * width * height))
         self._size = width, height
@@ -111,9 +100,9 @@ class E2vid:
     def push(self, events: Events) -> None:
         """Take in the next events, and run the network on each window that ends."""
         if (events.width, events.height) != self._size:
+            width, height = self._size
             raise TaskError(
-                f"{self.NAME}: found events of {events.width}x{events.height} px, expected "
-                f"{self._size[0]}x{self._size[1]}"
+                f"found events of {events.width}x{events.height} px, expected {width}x{height}"
             )
         while len(events):
             before = self._before_end(events)

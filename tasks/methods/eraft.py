@@ -21,10 +21,6 @@ class Network(Protocol):
 
     bins: int
 
-    def check_size(self, width: int, height: int) -> None:
-        """As `ERaft.check_size`."""
-        ...
-
     def flow(self, old: NDArray[np.float32], new: NDArray[np.float32]) -> NDArray[np.float32]:
         """As `ERaft.flow`."""
         ...
@@ -37,7 +33,6 @@ def estimate(sample: DenseFlowSample, *, network: Network) -> NDArray[np.float32
     -------
     (2, height, width) px, x first.
     """
-    network.check_size(sample.during.width, sample.during.height)
 
     def grid(events: Events) -> NDArray[np.float32]:
         return voxel_grid(events, network.bins, convention="eraft")

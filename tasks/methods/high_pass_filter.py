@@ -8,8 +8,8 @@ Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Even
 so an event after dt multiplies L by exp(-omega dt) and adds p C. This is a high-pass filter, with
 its -3 dB point at omega rad/s, of the signal that the events sample. The authors' program, from
 which our defaults are, has the cutoff in Hz, omega = 2 pi f, and also multiplies L by exp(-d) at
-each event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s, and 0.06 per event is
-one of 17 events, which matters more at busy pixels.
+each event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s. 0.06 per event is a
+constant of 17 events, which matters more at busy pixels.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ class HighPassFilter:
         """
         self._check_order(t_us)
         value, last_us = self._state[..., 0], self._state[..., 1]
-        seen = value != 0
-        return value * np.exp(-self._rates.per_us * np.where(seen, t_us - last_us, 0.0))
+        since_us = np.where(value != 0, t_us - last_us, 0.0)
+        return value * np.exp(-self._rates.per_us * since_us)
 
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:

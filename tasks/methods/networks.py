@@ -37,8 +37,8 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     file = weights_of(name, weights)
     if file is None:
         raise WeightsError(
-            f"{task}, method {name!r}: found no weights, expected --weights {name}=FILE, or "
-            f"{name} under [weights] in the file of a study"
+            f"{task}, method {name!r}: needs weights; give --weights {name}=FILE, or {name} under "
+            "[weights] in the file of a study"
         )
     try:
         return _loaded(TASKS[task].method(name).network, *_version(file))
@@ -80,23 +80,21 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     known = [name for spec in TASKS.values() for name in spec.networks]
     networks = [name for name in dict.fromkeys(methods) if name in known]
     asked = [name for name in networks if weights_of(name) is None] or networks
-    found: dict[str, str] = {}
-    for one in given:
-        name, is_named, file = one.partition("=")
+    files: dict[str, str] = {}
+    for option in given:
+        name, is_named, file = option.partition("=")
         if not is_named or os.sep in name:  # a folder's name may have an equals sign
-            file = one
+            file = option
             if len(asked) != 1:
                 expected = " or ".join(f"{name}={file}" for name in asked or known)
-                raise WeightsError(f"weights: found {one!r}, expected {expected}")
+                raise WeightsError(f"weights: found {option!r}, expected {expected}")
             name = asked[0]
-        if name not in known:
-            raise WeightsError(f"weights: no network {name!r}, {suggestion(name, known)}")
-        if name not in networks:
-            raise WeightsError(f"weights: found some of {name}, which is not a method to run")
-        if name in found:
-            raise WeightsError(f"weights: found two files for {name}, expected one")
-        found[name] = str(Path(file).absolute())
-    return found
+        if name not in networks or name in files:
+            reason = "is not a method to run" if name in known else suggestion(name, known)
+            reason = "has two files" if name in files else reason
+            raise WeightsError(f"weights: {name!r}: {reason}")
+        files[name] = str(Path(file).absolute())
+    return files
 
 
 @lru_cache(maxsize=_KEPT)
@@ -112,24 +110,24 @@ def _digest(file: Path, mtime_ns: int, size: int) -> str:
 def _version(file: str) -> tuple[Path, int, int]:
     """Return a file with its modification time and size, as the key of the cache."""
     try:
-        found = Path(file).stat()
+        stat = Path(file).stat()
     except OSError as error:
         raise WeightsError(f"{file}: cannot be read: {error.strerror}") from None
-    return Path(file), found.st_mtime_ns, found.st_size
+    return Path(file), stat.st_mtime_ns, stat.st_size
 
 
-def check_kept(kept: Mapping[str, int], sensors: int) -> None:
+def check_kept(needed: Mapping[str, int], sensors: int) -> None:
     """Check that what networks keep for all sensors at a time leaves half of the memory free.
 
     Parameters
     ----------
-    kept
+    needed
         What each network keeps for all sensors together, bytes, by its name.
     """
-    if (needed := sum(kept.values())) > _MAX_KEPT * (there := memory_bytes()):
+    if (total := sum(needed.values())) > _MAX_KEPT * memory_bytes():
         raise WeightsError(
-            f"{' and '.join(kept)}: for {sensors} sensors (one for each light and speed) networks "
-            f"keep {needed / 1e9:.1f} GB in memory, more than half of this machine's "
-            f"{there / 1e9:.1f} GB; "
-            "choose fewer or smaller sensors, or run one network at a time"
+            f"{' and '.join(needed)}: for {sensors} sensors (one for each light and speed) "
+            f"networks keep {total / 1e9:.1f} GB in memory, more than half of this machine's "
+            f"{memory_bytes() / 1e9:.1f} GB; choose fewer or smaller sensors, or run one network "
+            "at a time"
         )

@@ -9,6 +9,7 @@ several rates: a fast one is sharp, a slow one keeps large structures, but also 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from sensor import Events
 from sensor.events import Columns
 from sensor.representations import voxel_grid
-from tasks.methods.e2vid import WINDOW_US, E2vid, Network
+from tasks.methods.e2vid import E2vid
 from tasks.methods.high_pass_filter import PER_EVENT_DECAY
 from tasks.numerics.compiling import jit_in_place
 
@@ -60,31 +61,11 @@ class InputGrids:
 
 
 class OurReconstruction(E2vid):
-    """The network on the events of one sensor.
+    """The network on the events of one sensor; made as `E2vid`."""
 
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    contrast_threshold
-        C, log units.
-    window_us
-        Length of the windows, us. They begin at multiples of it, and after images.
-    """
-
-    NAME = "our reconstruction"
-
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        contrast_threshold: float,
-        *,
-        network: Network,
-        window_us: float = WINDOW_US,
-    ) -> None:
-        super().__init__(width, height, contrast_threshold, network=network, window_us=window_us)
-        self._inputs = InputGrids(width, height, contrast_threshold, network.bins)
+    def __init__(self, width: int, height: int, contrast_threshold: float, **options: Any) -> None:
+        super().__init__(width, height, contrast_threshold, **options)
+        self._inputs = InputGrids(width, height, contrast_threshold, self._network.bins)
 
     def _grid(self, events: Events) -> NDArray[np.float32]:
         return self._inputs.push(events)

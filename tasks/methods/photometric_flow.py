@@ -25,6 +25,8 @@ from tasks.flow import REACH_SIGMAS, FlowEstimate, FlowSample
 from tasks.numerics import bicubic
 from tasks.numerics.compiling import jit, jit_contract
 
+Float64 = NDArray[np.float64]
+
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
@@ -68,15 +70,11 @@ def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
 
 
 # From events, log image, start, lower and upper bounds to the unknowns, and whether it converged.
-_Search = Callable[..., tuple[NDArray[np.float64], bool]]
+_Search = Callable[..., tuple[Float64, bool]]
 
 
 def _estimate(
-    sample: FlowSample,
-    search: _Search,
-    *,
-    contrast_is_known: bool = True,
-    has_delay: bool = False,
+    sample: FlowSample, search: _Search, *, contrast_is_known: bool = True, has_delay: bool = False
 ) -> FlowEstimate:
     usable = np.isfinite(sample.t_before)
     if usable.sum() < MIN_EVENTS:
@@ -86,19 +84,18 @@ def _estimate(
     low_C, high_C = CONTRAST_BOUNDS
     if contrast_is_known:
         low_C = high_C = sample.contrast_threshold
-    inf = np.inf
-    lower = np.array([-inf, -inf, 1 / high_C, DELAY_BOUNDS[0]])
-    upper = np.array([inf, inf, 1 / low_C, DELAY_BOUNDS[1] if has_delay else 0.0])
+    lower = np.array([-np.inf, -np.inf, 1 / high_C, DELAY_BOUNDS[0]])
+    upper = np.array([np.inf, np.inf, 1 / low_C, DELAY_BOUNDS[1] if has_delay else 0.0])
     start = np.array([*sample.initial, 1 / low_C, 0.0])
     if not contrast_is_known:
         start[2] = np.clip(_best_gain(events, sample.log_image, start), lower[2], upper[2])
-    found, converged = search(events, sample.log_image, start, lower, upper)
+    unknowns, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
     reach = REACH_SIGMAS * sample.initial_sigma_px
-    if np.abs(found[:2] - sample.initial).max() > reach:
+    if np.abs(unknowns[:2] - sample.initial).max() > reach:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
-    return FlowEstimate(found[:2], delay=float(found[3]))
+    return FlowEstimate(unknowns[:2], delay=float(unknowns[3]))
 
 
 def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -111,9 +108,7 @@ def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]
     return chosen[np.argsort(pixel.astype(np.min_scalar_type(size)), kind="stable")]
 
 
-def _best_gain(
-    events: NDArray[np.float64], L: NDArray[np.float64], unknowns: NDArray[np.float64]
-) -> float:
+def _best_gain(events: Float64, L: Float64, unknowns: Float64) -> float:
     """Return 1 / C of least cost at a flow: Eq. (12) for the scale-free objective.
 
     The cost is a parabola in 1 / C, so one Newton step from any point finds its vertex.
@@ -124,40 +119,34 @@ def _best_gain(
 
 
 def _steepest_descent(
-    events: NDArray[np.float64],
-    L: NDArray[np.float64],
-    start: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], bool]:
+    events: Float64, L: Float64, start: Float64, lower: Float64, upper: Float64
+) -> tuple[Float64, bool]:
     """Return the unknowns at which steps against the gradient end, and whether there is a gradient.
 
     The step length doubles after a step that lowers the cost, and halves otherwise.
     """
 
-    def at(
-        flow: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    def at(flow: Float64) -> tuple[Float64, float, Float64]:
         unknowns = np.array([*flow, start[2], 0.0])
         unknowns[2] = np.clip(_best_gain(events, L, unknowns), lower[2], upper[2])
         cost, gradient, _ = normal_equations(events, L, unknowns)
         return unknowns, cost, gradient[:2]
 
-    found, cost, gradient = at(start[:2])
+    best, cost, gradient = at(start[:2])
     if not math.isfinite(cost) or (cost > 0 and np.hypot(*gradient) <= _FLAT * cost):
-        return found, False
+        return best, False
     step_px = _FIRST_STEP_PX
     for _ in range(_DESCENT_STEPS):
         slope = np.hypot(*gradient)
         if step_px < _CONVERGED_PX or slope == 0:
             break
-        trial, trial_cost, trial_gradient = at(found[:2] - step_px * gradient / slope)
-        if trial_cost < cost:
-            found, cost, gradient = trial, trial_cost, trial_gradient
+        trial = at(best[:2] - step_px * gradient / slope)
+        if trial[1] < cost:
+            best, cost, gradient = trial
             step_px *= 2
         else:
             step_px /= 2
-    return found, True
+    return best, True
 
 
 @jit_contract
@@ -186,7 +175,7 @@ def normal_equations(events, L, unknowns):
     gradient = np.zeros(4)
     curvature = np.zeros((4, 4))
     x, y, t = np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER)
-    seen = np.empty((3, 2 * _TOGETHER))
+    light = np.empty((3, 2 * _TOGETHER))
     points = np.empty(_TOGETHER, np.uint64)  # of each event; the previous event's is one before
     for start in range(0, events.shape[0], _TOGETHER):
         block = events[start : start + _TOGETHER]
@@ -206,11 +195,11 @@ def normal_equations(events, L, unknowns):
             x[count], y[count] = block[k, 0] - vx * t[count], block[k, 1] - vy * t[count]
             points[k] = count
             count += 1
-        bicubic.sample_all(L, x[:count], y[:count], seen)
+        bicubic.sample_all(L, x[:count], y[:count], light)
         for k in range(block.shape[0]):
             now, before = points[k], points[k] - np.uint64(1)
-            t1, L1, L1x, L1y = t[now], seen[0, now], seen[1, now], seen[2, now]
-            t0, L0, L0x, L0y = t[before], seen[0, before], seen[1, before], seen[2, before]
+            t1, L1, L1x, L1y = t[now], light[0, now], light[1, now], light[2, now]
+            t0, L0, L0x, L0y = t[before], light[0, before], light[1, before], light[2, before]
             p = block[k, 4]
             step = p * (L1 - L0)
             r = gain * step - 1.0

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
-from sensor import Events, SensorError
+from sensor import Events
 from sensor.kernels.photoreceptor import photoreceptor_step
 from sensor.optics import integrate
-from tasks.errors import TaskError
 
 Float64 = NDArray[np.float64]
 
@@ -58,11 +57,8 @@ class TrueLight:
         -------
         (height, width), log units.
         """
-        try:
-            seen = integrate(self.sequence.frame(k), height, width, self.fill_factor)
-        except SensorError as error:
-            raise TaskError(f"number {k}: {error}") from error
-        return np.log(seen + self.dark_level)
+        light = integrate(self.sequence.frame(k), height, width, self.fill_factor)
+        return np.log(light + self.dark_level)
 
 
 @dataclass
@@ -84,7 +80,7 @@ class _Oracle:
     def push(self, events: Events) -> None:
         """Ignore the events."""
 
-    def _seen(self, k: int) -> Float64:
+    def _log_light(self, k: int) -> Float64:
         """Return the true log intensity of a frame, (height, width)."""
         return self.light.log_image(k, self.width, self.height)
 
@@ -103,7 +99,7 @@ class LateTruth(_Oracle):
         after = int(np.clip(np.searchsorted(times, t_s), 1, len(times) - 1))
         start_s, end_s = times[after - 1 : after + 1]
         share = float(np.clip((t_s - start_s) / (end_s - start_s), 0, 1))
-        earlier, later = (self._seen(k) for k in (after - 1, after))
+        earlier, later = (self._log_light(k) for k in (after - 1, after))
         return earlier + share * (later - earlier)
 
 
@@ -117,21 +113,21 @@ class FilteredTruth(_Oracle):
 
     def __post_init__(self) -> None:
         self._frame = 0  # the latest one that the state includes
-        self._input = self._first = self._second = self._seen(0)
+        self._input = self._first = self._second = self._log_light(0)
 
     def image(self, t_us: int) -> Float64:
         """Return log intensity, (height, width): the output of the second pole."""
         t_s, times = 1e-6 * t_us, self.light.t_s
         while self._frame + 1 < len(times) and times[self._frame + 1] <= t_s + 1e-9:
             self._frame += 1
-            end = self._seen(self._frame)
+            end = self._log_light(self._frame)
             dt_s = times[self._frame] - times[self._frame - 1]
             self._first, self._second = self._advanced(end, dt_s)
             self._input = end
         left_s = t_s - times[self._frame]
         if self._frame + 1 == len(times) or left_s <= 1e-9:
             return self._second
-        after = self._seen(self._frame + 1)
+        after = self._log_light(self._frame + 1)
         share = left_s / (times[self._frame + 1] - times[self._frame])
         return self._advanced(self._input + share * (after - self._input), left_s)[1]
 

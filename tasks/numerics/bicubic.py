@@ -45,7 +45,7 @@ def sample(image, x_px, y_px):
 
 
 @jit_contract
-def sample_all(image, x_px, y_px, found):
+def sample_all(image, x_px, y_px, out):
     """Interpolate an image and its gradient at many points.
 
     As `sample`, but faster: pixels are read before the arithmetic, which is then vectorized.
@@ -56,14 +56,14 @@ def sample_all(image, x_px, y_px, found):
         (H, W) float64.
     x_px, y_px
         (N,) the points, with pixel centers at integers + 0.5.
-    found
+    out
         (3, N) value, d/dx, d/dy, written.
     """
     pixels, f = np.empty((16, _TOGETHER)), np.empty((2, _TOGETHER))
     for start in range(0, x_px.size, _TOGETHER):
         these = slice(start, min(start + _TOGETHER, x_px.size))
         _read(image, x_px[these], y_px[these], pixels, f)
-        _interpolate(pixels, f, found[0, these], found[1, these], found[2, these])
+        _interpolate(pixels, f, out[0, these], out[1, these], out[2, these])
 
 
 @jit_contract

@@ -115,14 +115,8 @@ def tabulate(R, p, omega, interval_us, wanted):
     segment = np.empty(wanted.size, np.int64)
     table = np.empty((wanted.size, COLUMNS))
     before = np.empty((3, 3, 3))  # J_l^-1(Omega_j) R_(j-1)^T of the segment
-    J, A, S, next_S, M = (
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-    )
-    B = np.empty(3)
+    J, A, M, B = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    S, next_S = np.empty((3, 3)), np.empty((3, 3))
     current = -1
     # Entry by entry: views and array expressions would take most of the time.
     for row in range(wanted.size):

@@ -20,12 +20,7 @@ from tasks.recording.frames import RecordedFrames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.source import sources
-from tasks.recording.threshold import (
-    ANY_THRESHOLDS,
-    Thresholds,
-    fit_recording,
-    stored_thresholds,
-)
+from tasks.recording.threshold import ANY_THRESHOLDS, Thresholds, fit_recording, stored_thresholds
 from tasks.recording.window_length import with_motion
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
@@ -68,7 +63,7 @@ def evaluate_recording(
     recording
         The events.
     task
-        Name of a task that does without poses: "reconstruction" and "video" need frames.
+        Name of a task that needs no poses. "reconstruction" and "video" need frames.
     frames
         Frames of the same camera.
     methods
@@ -103,26 +98,23 @@ def evaluate_recording(
         check_needs(task, recording.path, "a recording without --frames", has - {"frames"})
     if "frames" in spec.needs and flow != USUAL_FLOW:
         raise TaskError(
-            f"{recording.path}: found options of windows or patches for {spec.title}, "
-            "expected them only for flow"
+            f"{recording.path}: {spec.title} has no windows or patches; leave out their options"
         )
     names = _methods(recording, task, methods, frames, weights)
     settings = settings_of(task, names, weights)
     notes: list[str] = []
     if frames is not None:
         frames = on_one_clock(recording, frames, shift_us, notes)
-    elif not any(one.continuous_s for one in settings.plan()):
-        before = any(one.windows_before for one in settings.plan())
+    elif not any(each.continuous_s for each in settings.plan()):
+        before = any(each.windows_before for each in settings.plan())
         flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
     used = any("threshold" in spec.method(name).needs for name in names)
-    seen = frames if used else None
-    thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
+    fitted_to = frames if used else None
+    thresholds = _thresholds(recording, fitted_to, contrast_threshold, task, notes)
     windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
     rows = [row for source in windows for row in score_stored(task, source, settings)]
     if not rows:
-        raise TaskError(
-            f"{recording.path}: found nothing to follow in any window, expected corners"
-        )
+        raise TaskError(f"{recording.path}: no window has corners to follow")
     rows.sort(key=lambda row: row.t_us)
     return RecordingEvaluation(rows, [*notes, *_failures(rows)])
 
@@ -132,19 +124,20 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     notes = []
     for name in dict.fromkeys(row.method for row in rows):
         mine = [row for row in rows if row.method == name]
-        failures = [one.failure for one in mine if one.failure]
+        failures = [row.failure for row in mine if row.failure]
+        if len(failures) <= len(mine) / 2:
+            continue
         reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
-        if len(failures) > len(mine) / 2:
-            reason = reasons.most_common(1)[0][0]
-            said = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
-            alone = mine[0].metric == CONTRAST_GAIN
-            if reason == AT_BOUND:
-                shorter = " or a shorter --window-ms" if alone else ""
-                said += f"; a larger --search-px{shorter} helps"
-            elif reason == UNDETERMINED:
-                longer = "a longer --window-ms" if alone else "frames farther apart"
-                said += f"; more motion helps: {longer}"
-            notes.append(said)
+        reason = reasons.most_common(1)[0][0]
+        note = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
+        alone = mine[0].metric == CONTRAST_GAIN
+        if reason == AT_BOUND:
+            shorter = " or a shorter --window-ms" if alone else ""
+            note += f"; a larger --search-px{shorter} helps"
+        elif reason == UNDETERMINED:
+            longer = "a longer --window-ms" if alone else "frames farther apart"
+            note += f"; more motion helps: {longer}"
+        notes.append(note)
     return notes
 
 
@@ -156,29 +149,23 @@ def _methods(
     weights: Mapping[str, str] | None,
 ) -> tuple[str, ...]:
     spec = TASKS[task]
-    names = tuple(given) or spec.usual(weights or ())
-    for name in names:
+    specs = {name: spec.method(name) for name in given or spec.usual(weights or ())}
+    for name in specs:
         check_method(task, name, weights, [recording.size])
-    for name in given:
-        if frames is None and "light" in spec.method(name).needs:
-            raise TaskError(
-                f"{recording.path}: method {name!r} needs the image at the start of each window, "
-                "expected --frames"
-            )
+    blind = {name for name in specs if frames is None and "light" in specs[name].needs}
+    if given and blind:
+        raise TaskError(
+            f"{recording.path}: method {min(blind)!r} needs the image at the start of each window; "
+            "give --frames"
+        )
+    if not given and all(method.role == "baseline" for method in specs.values()):
+        raise TaskError(
+            f"{recording.path}: {spec.title} needs a network; give --method our_flow_all_light, "
+            "--weights eraft=FILE or --method package.module:function, or choose --task flow"
+        )
     if given:
         return tuple(given)
-    if all(spec.method(name).role == "baseline" for name in names):
-        raise TaskError(
-            f"{recording.path}: {spec.title} needs a network, expected --method "
-            "our_flow_all_light, --weights eraft=FILE or --method package.module:function; "
-            "--task flow needs none"
-        )
-    specs = {name: spec.method(name) for name in names}
-    return tuple(
-        name
-        for name, method in specs.items()
-        if method.on_recordings and (frames is not None or "light" not in method.needs)
-    )
+    return tuple(name for name in specs if specs[name].on_recordings and name not in blind)
 
 
 def _thresholds(
@@ -195,8 +182,9 @@ def _thresholds(
     needs = {"a threshold", "a change"} & {*TASKS[task].needs}
     if stored is not None and needs:
         on, off = stored
-        said = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
-        notes.append(f"{said}, from the file")
+        equal = on == off
+        values = f"threshold: {on:g}" if equal else f"thresholds: ON {on:g}, OFF {off:g}"
+        notes.append(f"{values}, from the file")
         return stored
     if frames is None or not needs:
         return stored or ANY_THRESHOLDS
@@ -208,12 +196,12 @@ def _thresholds(
         )
         return worth
     try:
-        found = fit_recording(recording, frames)
+        fit = fit_recording(recording, frames)
     except TaskError as error:
         raise TaskError(f"{error}; or give --threshold") from None
     notes.append(
-        f"thresholds: ON {found.on}, OFF {found.off} at a dark level of {found.dark:g} of white, "
-        f"fitted to the light at {found.events} events; {100 * found.unexplained:.0f} % of its "
+        f"thresholds: ON {fit.on}, OFF {fit.off} at a dark level of {fit.dark:g} of white, "
+        f"fitted to the light at {fit.events} events; {100 * fit.unexplained:.0f} % of its "
         "change stays unexplained"
     )
-    return found.values
+    return fit.values

@@ -16,7 +16,7 @@ from eres_render.progress import Progress, silent
 from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
-from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video
+from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video, check_methods
 from tasks.evaluation.source import ALL, check_needs, score_stored
 from tasks.flow import INITIAL_SIGMA_PX
 from tasks.rig.cells import in_cells
@@ -69,8 +69,8 @@ class RigEvaluation:
     def __post_init__(self) -> None:
         positive = "places", "features", "travel_m", "initial_sigma_mm", "initial_sigma_px"
         for name in (*positive, "cutoff_hz", "contrast_threshold"):
-            if getattr(self, name) is not None:
-                check_positive(name, getattr(self, name), RigError)
+            if (value := getattr(self, name)) is not None:
+                check_positive(name, value, RigError)
         check_bounds("seed", self.seed, 0)
 
     def tasks(self) -> dict[str, TaskSettings]:
@@ -113,28 +113,29 @@ def evaluate_rig(
         `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
     """
     every = {**settings.tasks(), **(tasks or {})}
-    every = {task: chosen for task, chosen in every.items() if chosen.methods}
-    paths = {path.resolve(): path for folder in folders for path in crops_in(folder)}
+    every = {task: given for task, given in every.items() if given.methods}
     for task in every:
         check_needs(task, folders[0], "a crop", ALL)
-    crops = {path: read_crop(path) for path in paths.values()}  # each once
+    paths = {path.resolve(): path for folder in folders for path in crops_in(folder)}  # each once
+    crops = {path: read_crop(path) for path in paths.values()}
+    for size in {(cropped.width, cropped.height) for cropped in crops.values()}:
+        check_methods(every, [size])
     prints = prints_of(crops, settings.places, settings.travel_m)
-    recordings: list[list[Row]] = []
+    rows_of_crops: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
         crop = _load(folder, cropped, prints[cropped.scene], settings)
-        windows = _windows(folder, crop, settings.travel_m)
+        windows = _windows(crop, settings.travel_m)
         rows: list[Row] = []
         for n, window in enumerate(windows):
             rows += rows_of(crop, [window], every)
             on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
-        rows += rows_of(crop, windows, every, continuous=True)
-        recordings.append(rows)
-    if not any(recordings):
+        rows_of_crops.append(rows + rows_of(crop, windows, every, continuous=True))
+    if not any(rows_of_crops):
         raise RigError(
             "crops: nothing to score: no task, no corners in the picture, or windows too close to "
             "the ends of the slider's readings for tracking"
         )
-    return in_cells(recordings, dict.fromkeys(every, MAX_ITEMS))
+    return in_cells(rows_of_crops, dict.fromkeys(every, MAX_ITEMS))
 
 
 def rows_of(
@@ -149,7 +150,7 @@ def rows_of(
     return [
         row
         for task, settings in tasks.items()
-        if any(stretch.continuous_s for stretch in settings.plan()) == continuous
+        if any(each.continuous_s for each in settings.plan()) == continuous
         if continuous or source.covers(settings)
         for row in score_stored(task, source, settings)
     ]
@@ -157,10 +158,9 @@ def rows_of(
 
 def crops_in(folder: Path) -> list[Path]:
     """Return the folders of the crops that `eres rig crop` wrote."""
-    crops = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
-    if not crops:
-        raise RigError(f"{folder}: holds no crop of `eres rig crop`")
-    return crops
+    if not (files := sorted(folder.glob(f"*/{FILE_NAME}"))):
+        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
+    return [file.parent for file in files]
 
 
 def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> Crop:
@@ -173,15 +173,17 @@ def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluatio
     C, _ = thresholds_of(file, settings.contrast_threshold)
     cutoff_hz = settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz)
     events = concatenate(list(read_events(file)))
-    return Crop(cropped, printed.ways[folder], printed, events, C, cutoff_hz)
+    return Crop(folder, cropped, printed.ways[folder], printed, events, C, cutoff_hz)
 
 
-def _windows(folder: Path, crop: Crop, travel_m: float) -> list[Window]:
+def _windows(crop: Crop, travel_m: float) -> list[Window]:
     """Return windows of constant speed at the places of the print, in the order of their starts."""
     windows = crop.way.windows(crop.printed.places_m, travel_m)
     if not windows:
+        seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
         raise RigError(
-            f"{folder}: no place has {1e3 * travel_m:g} mm of constant speed; increase --places or "
-            "reduce --travel"
+            f"{crop.folder / EVENTS_NAME}: none of {len(crop.printed.places_m)} places has a "
+            f"window of {1e3 * travel_m:g} mm at constant speed in {seconds:.3g} s; give more "
+            "places, or less travel"
         )
     return windows

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _MARGIN_US = 20_000  # a path lasts 14 ms, and has a control pose before it and 
 class Crop:
     """A crop in memory."""
 
+    folder: Path
     cropped: Cropped
     way: Way
     printed: Print
@@ -54,6 +56,7 @@ class CropSource(Source):
         self._crop, self._windows = crop, windows
         self._first, self._camera = windows[0], crop.cropped.camera()
         self._pose = crop.cropped.pose.pose()
+        self.name = str(crop.folder)
         self.window = source.Window(windows[0].start_us, windows[-1].end_us)
         self.size = self._camera.width, self._camera.height
         self.contrast_threshold = crop.contrast_threshold

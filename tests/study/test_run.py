@@ -285,7 +285,7 @@ def test_an_edited_method_does_not_run_as_it_was(tmp_path, monkeypatch):
     file.write_text(code)
     before = code_of(["edited_later:estimate"])
     file.write_text(f"{code}# edited\n")
-    with pytest.raises(TaskError, match=r"edited_later:estimate: found other files than when it"):
+    with pytest.raises(TaskError, match=r"edited_later:estimate: its files have changed"):
         code_of(["edited_later:estimate"])
     importlib.reload(sys.modules["edited_later"])
     assert code_of(["edited_later:estimate"]) != before

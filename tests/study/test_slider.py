@@ -25,7 +25,7 @@ from sensor import EventCamera
 from small_study import only
 from study_rows import EI, paper_rows
 from tasks.errors import StudyError
-from tasks.evaluation.distance import farther
+from tasks.evaluation.rendered_clip import farther
 from tasks.row import Row
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.slider import ON_THE_SLIDER

@@ -26,9 +26,9 @@ def test_other_columns_and_orders_are_read(tmp_path):
         ("t_us_start,file\n1,a.png\n", "without t_us_end; each frame needs"),
         ("t_us_start,t_us_end,file\n0,1,a.png\n5,b.png\n", "frames.csv:3: found '5,b.png'"),
         ("t_us_start,t_us_end,file\n0,1.5,a.png\n", "frames.csv:2: found '0,1.5,a.png'"),
-        ("t_us_start,t_us_end,file\n0,1,\n", "frames.csv:2: found '0,1,', expected two whole"),
+        ("t_us_start,t_us_end,file\n0,1,\n", "frames.csv:2: found '0,1,', expected the start"),
         (f"t_us_start,t_us_end,file\n0,{2**63},a.png\n", "frames.csv:2: found '0,9223372036854775"),
-        ("t_us_start,t_us_end,file\n5,4,a.png\n", "a.png: found an exposure from 5 to 4 us"),
+        ("t_us_start,t_us_end,file\n5,4,a.png\n", "frames.csv:2: found '5,4,a.png'"),
     ],
 )
 def test_mistakes_are_named(tmp_path, text, said):

@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from tasks.evaluation.frames_ahead import FRAMES_AHEAD, frames_ahead
+from tasks.ahead import made_ahead
+from tasks.evaluation.evaluate import FRAMES_AHEAD
 
 
 class Frames:
@@ -24,6 +25,11 @@ class Frames:
             if self.taken == FRAMES_AHEAD + 1:
                 self.enough.set()
             yield k
+
+
+def frames_ahead(frames, count):
+    source = iter(frames)
+    return made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD)
 
 
 @pytest.mark.parametrize("count", [0, 1, FRAMES_AHEAD, 5 * FRAMES_AHEAD])

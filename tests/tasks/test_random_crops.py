@@ -191,9 +191,6 @@ class Recorder:
     def __init__(self):
         self.grids = []
 
-    def check_size(self, width, height):
-        pass
-
     def image(self, grid, states):
         self.grids.append(grid)
         return np.full(grid.shape[1:], 0.5, np.float32), states

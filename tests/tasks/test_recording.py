@@ -456,7 +456,16 @@ def test_options_of_flow_are_refused_for_images(made, tmp_path, eres):
     args = "--task", "reconstruction", "--frames", frames, "--patch-px", 21
     code, _, err = eres("evaluate", made.events_file, *args)
     assert code == 1
-    assert "found options of windows or patches for reconstruction, expected them only" in err
+    assert f"{made.events_file}: reconstruction has no windows or patches" in err
+
+
+def test_the_truth_itself_is_refused_by_name(made, tmp_path, eres):
+    """Promise: a diagnostic needs the light of a rendered sequence; the error names the file."""
+    frames = made.write_frames(tmp_path / "frames")
+    args = "--task", "video", "--frames", frames, "--method", "late_truth"
+    code, _, err = eres("evaluate", made.events_file, *args)
+    assert code == 1
+    assert f"{made.events_file}: method 'late_truth' needs a rendered sequence" in err
 
 
 def wrong_size(made, folder):
@@ -489,7 +498,7 @@ def ends_before_it_starts(made, folder):
     lines = (frames / "frames.csv").read_text().splitlines()
     lines[2] = "9000,8000,010.png"
     (frames / "frames.csv").write_text("\n".join(lines))
-    return ["--frames", frames], "expected its end not before its start"
+    return ["--frames", frames], "expected the start and the end of an exposure"
 
 
 def exposure_in_an_exposure(made, folder):
@@ -624,7 +633,7 @@ def test_tasks_that_need_more_say_it(made, eres):
     for task, said in (
         ("tracking", "needs poses and a plane, which a recording does not have"),
         ("video", "needs frames, which a recording without --frames does not have"),
-        ("dense_flow", "needs a network, expected --method our_flow_all_light, --weights"),
+        ("dense_flow", "needs a network; give --method our_flow_all_light, --weights"),
     ):
         code, _, err = eres("evaluate", made.events_file, "--task", task)
         assert (code, said in err) == (1, True)

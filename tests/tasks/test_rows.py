@@ -64,7 +64,10 @@ def test_what_is_not_rows_is_refused_by_name(file):
     more = table.append_column("color", table["scene"])
     assert refusal(more) == ", field color: found string, expected no such column"
     holes = table.set_column(table.schema.get_field_index("value"), "value", some)
-    assert refusal(holes) == f", field value: found 1 of {len(table)} rows without a value"
+    assert (
+        refusal(holes)
+        == f", field value: found 1 of {len(table)} rows without a value, expected none"
+    )
     zero = table.set_column(width, "width", pa.array([346, *[0] * (len(table) - 1)]))
     assert refusal(zero) == ", row 1: Row.width: found 0, expected a positive number"
     file.unlink()

@@ -464,7 +464,7 @@ def test_bad_input_is_refused(scene):
         ("plane", None, "depth"),
         ("log_image", log_image[:-1], "log_image"),
         ("camera", Camera(320, 320, 1.0), "camera"),
-        ("camera", Camera(8, 8, 1.0, distortion=Distortion(k1=-0.1)), "found a lens, Distortion"),
+        ("camera", Camera(8, 8, 1.0, distortion=Distortion(k1=-0.1)), "lens: found Distortion"),
         ("T_0", np.eye(3), "T_0"),
     ):
         with pytest.raises(TaskError, match=message):

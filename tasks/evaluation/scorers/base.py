@@ -28,7 +28,7 @@ class Score:
     cpu_s
         CPU time of the method, seconds.
     copied
-        Whether the answer was computed for another variant, and not again.
+        Whether the answer is that of another variant, where its time is counted.
     metric
         Name of the metric; "" for that of the task.
     t_us

@@ -30,9 +30,9 @@ class DenseFlowScorer:
     def push(self, events: Events) -> None:
         """Keep the events of both windows."""
         for window, parts in zip(self._windows, (self._before, self._during), strict=True):
-            found = events.between(*window)
-            if len(found) or not parts:
-                parts.append(found.copy())  # a slice would keep all events in memory
+            inside = events.between(*window)
+            if len(inside) or not parts:
+                parts.append(inside.copy())  # a slice would keep all events in memory
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method and point."""
@@ -44,11 +44,11 @@ class DenseFlowScorer:
             method = load_method("dense_flow", name, self._task.weights)
             answer, cpu_s = ask("dense_flow", name, method, sample)
             estimate = flow_answer("dense_flow", name, answer, np.zeros(sample.shape))
-            found_px = flow_at(estimate.flow, points.centers_px)
+            flow_px = flow_at(estimate.flow, points.centers_px)
             for k, item in enumerate(points.items):
                 yield Score(
                     name,
-                    points.value(k, found_px[k]),
+                    points.value(k, flow_px[k]),
                     item=item,
                     failure=estimate.failure,
                     events=len(before) + len(during),

@@ -17,10 +17,7 @@ from tasks.methods import load_method
 from tasks.methods.contrast_maximization import determined, estimate, off_grid
 from tasks.registry import TASKS
 
-_BY_CONTRAST = (
-    *("contrast_maximization", "contrast_maximization_by_gradient"),
-    "contrast_maximization_by_plain_variance",
-)
+_BY_CONTRAST = "tasks.methods.contrast_maximization:"
 
 
 class FlowScorer:
@@ -28,27 +25,27 @@ class FlowScorer:
 
     def __init__(self, source: Source, task: Flow) -> None:
         self._source, self._task, self._points = source, task, source.points(task)
-        self._kept = patch_mask(self._points.centers_px, max(self._points.sides), *source.size)
+        self._mask = patch_mask(self._points.centers_px, max(self._points.sides), *source.size)
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:
         """Keep the window's events in the patches."""
         window = events.between(self._source.window.start_us, self._source.window.end_us)
         if len(window) or not self._parts:
-            self._parts.append(window.where(self._kept[window.y, window.x]))
+            self._parts.append(window.where(self._mask[window.y, window.x]))
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each kind of patch, point and method."""
         source, points = self._source, self._points
         methods = {name: load_method("flow", name) for name in self._task.methods}
+        specs = {name: TASKS["flow"].method(name) for name in methods}
         from_zero = source.search_from == "zero"
-        if from_zero:
-            for name in {*_BY_CONTRAST} & {*methods}:
+        for name, spec in specs.items():
+            if from_zero and spec.place.startswith(_BY_CONTRAST):
                 methods[name] = partial(determined, methods[name])
+        near = {name for name, spec in specs.items() if "guess" in spec.needs}
         log_image, events = source.log_image(), concatenate(self._parts)
         self._parts = []
-        spec = TASKS["flow"]
-        near = {name for name in methods if "guess" in spec.method(name).needs}
         for side_px, variants in points.sides.items():
             for k, item in enumerate(points.items):
                 sample = nearby = flow_sample(
@@ -67,15 +64,15 @@ class FlowScorer:
                 for name, method in methods.items():
                     given = nearby if name in near else sample
                     answer, cpu_s = ask("flow", name, method, given)
-                    found = flow_answer("flow", name, answer, given.initial)
-                    value = points.value(k, found.flow)
+                    checked = flow_answer("flow", name, answer, given.initial)
+                    value = points.value(k, checked.flow)
                     for variant in variants:
                         yield Score(
                             name,
                             value,
                             variant,
                             item,
-                            found.failure,
+                            checked.failure,
                             events=len(sample.t),
                             cpu_s=cpu_s,
                             copied=variant != variants[0],

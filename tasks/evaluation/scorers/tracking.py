@@ -10,19 +10,12 @@ from numpy.typing import NDArray
 from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
+from tasks import tracking
 from tasks.evaluation.answers import ask, path_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import Tracking
 from tasks.evaluation.source import Source
 from tasks.methods import load_method
-from tasks.tracking import (
-    failure_of,
-    most_pixels,
-    perturbed,
-    position_error_mm,
-    random_ranks,
-    tracking_sample,
-)
 from tasks.variants import sigma_variant
 
 _EVENTS_KEPT = 4  # how many times the events of a sample to keep at most
@@ -40,7 +33,7 @@ class TrackingScorer:
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
         self._path_seed, self._seed = source.seeds(task)
         width, height = source.size
-        self._ranks = random_ranks(self._seed, height, width)
+        self._ranks = tracking.random_ranks(self._seed, height, width)
         self._pixels = self._ranks.size  # of the lowest ranks; the sample has no others
         self._parts: list[Events] = []
 
@@ -50,10 +43,10 @@ class TrackingScorer:
         if len(early) or not self._parts:
             self._parts.append(early.where(self._rank(early) < self._pixels))
         if sum(map(len, self._parts)) > _EVENTS_KEPT * self._max_events:
-            kept = concatenate(self._parts)
-            rank = self._rank(kept)
-            self._pixels = most_pixels(rank, self._max_events)
-            self._parts = [kept.where(rank < self._pixels)]
+            stored = concatenate(self._parts)
+            rank = self._rank(stored)
+            self._pixels = tracking.most_pixels(rank, self._max_events)
+            self._parts = [stored.where(rank < self._pixels)]
 
     def _rank(self, events: Events) -> NDArray[np.int32]:
         return self._ranks[events.y, events.x]
@@ -64,7 +57,7 @@ class TrackingScorer:
         events = concatenate(self._parts)
         self._parts = []
         for sigma_mm in task.sigmas_mm:
-            sample = tracking_sample(
+            sample = tracking.tracking_sample(
                 events,
                 self._start_us,
                 log_image=source.log_image(),
@@ -72,7 +65,7 @@ class TrackingScorer:
                 camera=source.camera(),
                 plane=source.plane(),
                 T_0=source.pose(np.zeros(1))[0],
-                initial=perturbed(self._truth, 1e-3 * sigma_mm, self._path_seed),
+                initial=tracking.perturbed(self._truth, 1e-3 * sigma_mm, self._path_seed),
                 initial_sigma_m=1e-3 * sigma_mm,
                 max_events=self._max_events,
                 max_delay_us=task.max_delay_us,
@@ -88,10 +81,10 @@ class TrackingScorer:
                     name,
                     error_mm,
                     variant=sigma_variant(sigma_mm),
-                    failure=failure_of(estimate, sample.initial, error_mm, initial_mm),
+                    failure=tracking.failure_of(estimate, sample.initial, error_mm, initial_mm),
                     events=len(sample.t_us),
                     cpu_s=cpu_s,
                 )
 
     def _error_mm(self, path: Trajectory) -> float:
-        return position_error_mm(path, self._source.pose, 0.0, self._truth.duration_s)
+        return tracking.position_error_mm(path, self._source.pose, 0.0, self._truth.duration_s)

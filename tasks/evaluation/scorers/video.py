@@ -25,9 +25,8 @@ class VideoScorer:
 
     def __init__(self, source: Source, task: Video) -> None:
         self._source, self._task, self._images = source, task, source.images(task)
-        others = task.other_equalizations or ()
-        named = {equalization_variant(name): name for name in others}
-        self._equalizations = {"": task.equalization, **named}
+        others = {equalization_variant(name): name for name in task.other_equalizations or ()}
+        self._equalizations = {"": task.equalization, **others}
         width, height = source.size
         self._takers = {}
         for name in task.methods:
@@ -80,11 +79,11 @@ class VideoScorer:
             sample = self._images.numbers[t_us]
             for variant, equalization in self._equalizations.items():
                 truth = self._images.truth(sample, equalization)
-                found = picture(log_image, truth.shape, equalization)
+                value = psnr_db(picture(log_image, truth.shape, equalization), truth)
                 self._scores.append(
                     Score(
                         name,
-                        psnr_db(found, truth),
+                        value,
                         variant,
                         failure=failure,
                         sample=sample,

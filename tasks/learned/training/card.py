@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from tasks.errors import TrainingError
-from tasks.learned.training.run_folder import (
-    WEIGHTS_FILE,
-    FinalScores,
-    read_description,
-    read_scores,
-)
+from tasks.learned.training import run_folder as files
 
-Run = tuple[Path, dict[str, Any], FinalScores]
+Run = tuple[Path, files.Description, files.FinalScores]
 
 _LIMITS = """\
 - Trained on random textures on a plane that moves in front of the camera. There are no depth edges,
@@ -32,11 +26,13 @@ def card(folders: Sequence[Path]) -> str:
     parts = ["# Networks of our own"]
     alike: dict[tuple[str, str], list[Run]] = {}
     for folder in folders:
-        described = read_description(folder)
-        if not (folder / WEIGHTS_FILE).exists():
-            raise TrainingError(f"{folder}: found no {WEIGHTS_FILE}, expected a finished training")
-        kind = described["settings"]["task"], _settings(described)
-        alike.setdefault(kind, []).append((folder, described, read_scores(folder)))
+        description = files.read_description(folder)
+        if not (folder / files.WEIGHTS_FILE).exists():
+            raise TrainingError(
+                f"{folder}: found no {files.WEIGHTS_FILE}, expected a finished training"
+            )
+        kind = description.settings["task"], _settings(description)
+        alike.setdefault(kind, []).append((folder, description, files.read_scores(folder)))
     for (task, settings), runs in alike.items():
         command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
         again = f"{command} with the settings below trains a network of the table again."
@@ -49,10 +45,10 @@ def _table(runs: Sequence[Run]) -> str:
     lights = list(first.scores)
     head = ["trained on", "seed", *(f"{light}, {first.score}" for light in lights), "hours"]
     rows = [head, ["---"] * len(head)]
-    for _, described, found in runs:
-        settings = described["settings"]
-        values = [f"{found.scores[light][0]:.2f}" for light in lights]
-        hours = f"{found.seconds / 3600:.2f}"
+    for _, description, final in runs:
+        settings = description.settings
+        values = [f"{final.scores[light][0]:.2f}" for light in lights]
+        hours = f"{final.seconds / 3600:.2f}"
         rows.append([f"{settings['light']} light", str(settings["seed"]), *values, hours])
     for k, name in enumerate(first.baselines, start=1):
         values = [f"{first.scores[light][k]:.2f}" for light in lights]
@@ -63,19 +59,19 @@ def _table(runs: Sequence[Run]) -> str:
 def _origins(runs: Sequence[Run]) -> list[str]:
     """Describe steps, size, device and code of the trainings, without repetition."""
     origins: dict[str, list[str]] = {}
-    for folder, described, scores in runs:
+    for folder, description, scores in runs:
         # Older trainings name only the device of their last steps, with the scores.
-        origin = {"device": scores.device, **described["made_with"]}
+        origin = {"device": scores.device, **description.made_with}
         made_with = ", ".join(f"{k} {v}" for k, v in origin.items())
-        megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
+        megabytes = (folder / files.WEIGHTS_FILE).stat().st_size / 1e6
         steps = f"{scores.steps} steps, {megabytes:.2f} MB"
-        settings = described["settings"]
+        settings = description.settings
         name = f"{settings['light']} light, seed {settings['seed']}"
         origins.setdefault(f"{steps}; {made_with}.", []).append(name)
     return [f"{'; '.join(names)}: {origin}" for origin, names in origins.items()]
 
 
-def _settings(described: Mapping[str, Any]) -> str:
+def _settings(description: files.Description) -> str:
     """Return the settings that twins and seeds share, as a block of JSON."""
-    shared = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}
+    shared = {k: v for k, v in description.settings.items() if k not in ("light", "seed")}
     return f"```json\n{json.dumps(shared, indent=2)}\n```"

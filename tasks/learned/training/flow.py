@@ -47,24 +47,19 @@ class Flow(Problem):
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
         """As `Problem.losses`: a single loss."""
         grids, flows = batch
-        old, new, truth = (
-            grids[:, :-1].flatten(0, 1),
-            grids[:, 1:].flatten(0, 1),
-            flows.flatten(0, 1),
-        )
-        _, found = self.network(old, new, self._settings.updates)
-        weights = [self._settings.fading**k for k in reversed(range(len(found)))]
+        old, new, truth = (x.flatten(0, 1) for x in (grids[:, :-1], grids[:, 1:], flows))
+        _, updates = self.network(old, new, self._settings.updates)
         errors = [
-            weight * torch.mean(torch.abs(flow - truth))
-            for weight, flow in zip(weights, found, strict=True)
+            self._settings.fading**k * torch.mean(torch.abs(flow - truth))
+            for k, flow in zip(reversed(range(len(updates))), updates, strict=True)
         ]
         yield torch.stack(errors).sum()
 
     def network_score(self, batch: Sequence[Tensor]) -> float:
         """As `Problem.network_score`: the end-point error at the last window."""
         grids, flows = batch
-        _, found = self.network(grids[:, -2], grids[:, -1])
-        return float(torch.linalg.vector_norm(found[-1] - flows[:, -1], dim=1).mean())
+        _, (flow,) = self.network(grids[:, -2], grids[:, -1])
+        return float(torch.linalg.vector_norm(flow - flows[:, -1], dim=1).mean())
 
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
         """As `Problem.baseline_scores`."""

@@ -6,39 +6,76 @@ import json
 import logging
 import math
 import time
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from eres_render.cores import cores
+from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
+from tasks.ahead import made_ahead
 from tasks.errors import TrainingError
-from tasks.learned.checkpoint import read_checkpoint
+from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
+from tasks.learned.training import run_folder as files
 from tasks.learned.training.curve import draw_curve
 from tasks.learned.training.problem import Problem
-from tasks.learned.training.progress import LearningCurve, load_checkpoint, save_checkpoint
-from tasks.learned.training.run_folder import (
-    PICTURE_FILE,
-    SCORES_FILE,
-    WEIGHTS_FILE,
-    read_scores,
-    write_curve,
-)
 from tasks.learned.training.settings import Schedule
 
 Scores = dict[str, list[float]]
 
 _logger = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class LearningCurve:
+    """How far a training is.
+
+    Parameters
+    ----------
+    seconds
+        Time that these took, s.
+    curve
+        Step, seconds, loss and scores of each validation, by name.
+    """
+
+    step: int = 0
+    seconds: float = 0.0
+    curve: list[files.Row] = field(default_factory=list)
+    losses: list[float] = field(default_factory=list)
+
+
+def save_checkpoint(
+    folder: Path,
+    progress: LearningCurve,
+    network: nn.Module,
+    optimizer: Optimizer,
+) -> None:
+    """Write everything on which the next steps depend."""
+    content = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
+    write_checkpoint(folder / files.CHECKPOINT_FILE, {**asdict(progress), **content})
+
+
+def load_checkpoint(folder: Path, network: nn.Module, optimizer: Optimizer) -> LearningCurve:
+    """Load the last checkpoint, if there is one."""
+    file = folder / files.CHECKPOINT_FILE
+    if not file.exists():
+        return LearningCurve()
+    content = read_checkpoint(file)
+    kind = "the checkpoint of this training (delete it to start again)"
+    with reading(file, kind, TrainingError):
+        network.load_state_dict(content["network"])
+        optimizer.load_state_dict(content["optimizer"])
+        return LearningCurve(
+            content["step"], content["seconds"], content["curve"], content["losses"]
+        )
 
 
 def train(
@@ -54,9 +91,9 @@ def train(
     On the processor of the same machine, with the same number of threads, an interrupted training
     ends with the same weights as an uninterrupted one.
     """
-    if (folder / WEIGHTS_FILE).exists():
-        read_checkpoint(folder / WEIGHTS_FILE)  # it may be damaged
-        return {light: list(found) for light, found in read_scores(folder).scores.items()}
+    if (folder / files.WEIGHTS_FILE).exists():
+        read_checkpoint(folder / files.WEIGHTS_FILE)  # it may be damaged
+        return {light: list(scores) for light, scores in files.read_scores(folder).scores.items()}
     place = device_of(device)
     problem.network.to(place).train()
     optimizer = optimizer_of(problem, schedule)
@@ -65,7 +102,8 @@ def train(
     problem.hold_out()
     saved_s = started_s = time.monotonic()
     before_s = progress.seconds
-    with _made_ahead(problem, progress.step, schedule.steps) as batches:
+    steps, threads = range(progress.step, schedule.steps), cores()
+    with made_ahead(problem.batch, steps, threads=threads, most=threads + 1) as batches:
         for batch in batches:
             loss = learn(problem, schedule, optimizer, progress.step, batch, place)
             progress.losses.append(loss)
@@ -89,21 +127,21 @@ def train(
         "steps": progress.step,
         "device": place.type,
     }
-    write_text(folder / SCORES_FILE, json.dumps(content, indent=2) + "\n")
+    write_text(folder / files.SCORES_FILE, json.dumps(content, indent=2) + "\n")
     origin = {"seed": problem.seed, "steps": progress.step}
-    save(folder / WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
+    save(folder / files.WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
     return scores
 
 
 def check_machine(problem: Problem, device: str | None) -> None:
     """Check that this machine can train a network."""
-    needed, there, what = problem.memory_bytes(), memory_bytes(), "machine"
+    needed, available, what = problem.memory_bytes(), memory_bytes(), "machine"
     if device_of(device).type == "cuda":  # which holds the network and all it computes
-        there, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
-    if needed > there:
+        available, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
+    if needed > available:
         raise TrainingError(
             f"train: needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
-            f"{there / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
+            f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
             "schedule.validation_crops"
         )
 
@@ -112,30 +150,11 @@ def device_of(name: str | None) -> torch.device:
     """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one."""
     has_cuda = torch.cuda.is_available()
     if name == "cuda" and not has_cuda:
-        raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
+        raise TrainingError("device: PyTorch has no GPU, which 'cuda' needs")
     return torch.device(name or ("cuda" if has_cuda else "cpu"))
 
 
-@contextmanager
-def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[list[Tensor]]]:
-    """Provide the batches of all steps in order; threads make them ahead."""
-    threads = cores()
-    with ThreadPoolExecutor(threads, "crops") as pool:
-        ahead: deque[Future[list[Tensor]]] = deque()
-
-        def batches() -> Iterator[list[Tensor]]:
-            for step in range(start, end):
-                while len(ahead) < min(threads + 1, end - step):
-                    ahead.append(pool.submit(problem.batch, step + len(ahead)))
-                yield ahead.popleft().result()
-
-        try:
-            yield batches()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
+def optimizer_of(problem: Problem, schedule: Schedule) -> Optimizer:
     """Return the optimizer of a training."""
     return torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
 
@@ -143,7 +162,7 @@ def optimizer_of(problem: Problem, schedule: Schedule) -> torch.optim.Optimizer:
 def learn(
     problem: Problem,
     schedule: Schedule,
-    optimizer: torch.optim.Optimizer,
+    optimizer: Optimizer,
     step: int,
     batch: list[Tensor],
     place: torch.device,
@@ -151,18 +170,18 @@ def learn(
     """Learn from a batch."""
     for group in optimizer.param_groups:
         group["lr"] = schedule.rate(step)
-    losses = problem.losses([one.to(place) for one in batch])
-    found: list[float] = []
+    losses = problem.losses([tensor.to(place) for tensor in batch])
+    values: list[float] = []
     while True:
         with _autocast(place):
             loss = next(losses, None)
         if loss is None:
-            return math.fsum(found) / len(found)
-        found.append(float(loss.detach()))
-        if not math.isfinite(found[-1]):
+            return math.fsum(values) / len(values)
+        values.append(float(loss.detach()))
+        if not math.isfinite(values[-1]):
             raise TrainingError(
-                f"step {step}: found a loss of {found[-1]}, expected a finite one; lower "
-                "schedule.learning_rate, and train in another folder"
+                f"step {step}: the loss is {values[-1]}; lower schedule.learning_rate, and train "
+                "in another folder"
             )
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -187,38 +206,32 @@ def _validate(
     row = {"step": float(progress.step), "seconds": progress.seconds}
     row["loss"] = math.fsum(losses) / len(losses) if losses else math.nan
     losses.clear()
-    for light, found in scores.items():
-        for name, value in zip(("network", *problem.baselines), found, strict=True):
+    for light, values in scores.items():
+        for name, value in zip(("network", *problem.baselines), values, strict=True):
             row[f"{light}, {name}"] = value
     progress.curve.append(row)
-    write_curve(folder, progress.curve)
-    draw_curve(folder / PICTURE_FILE, progress.curve, problem.score)
+    files.write_curve(folder, progress.curve)
+    draw_curve(folder / files.PICTURE_FILE, progress.curve, problem.score)
     _logger.info(_in_words(progress, problem))
     return scores
 
 
 def _in_words(progress: LearningCurve, problem: Problem) -> str:
     """Describe the progress of a training in one line."""
-    said = [f"step {progress.step}"]
+    words = [f"step {progress.step}"]
     if progress.curve:
         row = progress.curve[-1]
-        said.append(f"loss {row['loss']:.4f}")
-        said += [
-            f"{name.removesuffix(', network')} {value:.2f} ("
-            + ", ".join(f"{other} {row[_other(name, other)]:.2f}" for other in problem.baselines)
-            + ")"
-            for name, value in row.items()
-            if name.endswith(", network")
-        ]
-        said[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
-    return ", ".join(said)
+        words.append(f"loss {row['loss']:.4f}")
+        for column, value in row.items():
+            light, _, name = column.partition(", ")
+            if name == "network":
+                others = [f"{other} {row[f'{light}, {other}']:.2f}" for other in problem.baselines]
+                words.append(f"{light} {value:.2f} ({', '.join(others)})")
+        words[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
+    return ", ".join(words)
 
 
-def _other(column: str, name: str) -> str:
-    return column.replace("network", name)
-
-
-def _round_to_half(network: torch.nn.Module) -> None:
+def _round_to_half(network: nn.Module) -> None:
     """Round the weights to half precision, as they are stored."""
     with torch.no_grad():
         for tensor in network.state_dict().values():

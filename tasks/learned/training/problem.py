@@ -44,6 +44,9 @@ class Problem(ABC):
         self.network, self.light, self.seed = network, light, seed
         self._crops, self._schedule = settings.crops, settings.schedule
         self._windows = settings.windows
+        # What the held-out crops look like, and the number of windows before theirs.
+        self.held_out_crops: Crops = settings.crops
+        self.held_out_run_in = 0
         self._held_out: dict[str, list[Tensor]] = {}
         self._of_baselines: dict[str, list[float]] = {}
 
@@ -77,7 +80,7 @@ class Problem(ABC):
 
         It is that of a step, of the held-out crops of all lights, and of scoring those of a light.
         """
-        held_out_px = self._schedule.validation_crops * self.held_out_crops().side_px ** 2
+        held_out_px = self._schedule.validation_crops * self.held_out_crops.side_px**2
         held_out = 4 * self.values_per_px * len(LIGHTS) + _BYTES_PER_SCORED_PX
         return self.step_bytes() + held_out * held_out_px
 
@@ -85,37 +88,25 @@ class Problem(ABC):
         """Return the number of windows before those from which a step learns."""
         return 0
 
-    def held_out_crops(self) -> Crops:
-        """Return what the held-out crops look like."""
-        return self._crops
-
-    def held_out_run_in(self) -> int:
-        """Return the number of windows before those of the held-out crops."""
-        return 0
-
     def batch(self, step: int) -> list[Tensor]:
         """Return the samples of a step; they depend only on settings, light, seed and step."""
         count, run_in = self._schedule.crops_per_step, self.run_in(step)
         samples = []
+        windows = run_in + self._windows
         for index in range(step * count, (step + 1) * count):
-            windows = run_in + self._windows
             crop = random_crop(self._crops, windows, self.seed, index, light=self.light)
             samples.append(self.sample(crop, run_in))
         return _joined(samples)
 
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
-        crops, run_in = self.held_out_crops(), self.held_out_run_in()
+        crops, run_in = self.held_out_crops, self.held_out_run_in
+        windows = run_in + self._windows
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
             for index in range(self._schedule.validation_crops):
                 crop = random_crop(
-                    crops,
-                    run_in + self._windows,
-                    _HELD_OUT_SEED,
-                    index,
-                    light=cutoff_hz,
-                    held_out=True,
+                    crops, windows, _HELD_OUT_SEED, index, light=cutoff_hz, held_out=True
                 )
                 samples.append(self.sample(crop, run_in))
                 scores.append(self.baseline_scores(crop, samples[-1]))
@@ -132,12 +123,12 @@ class Problem(ABC):
         """
         self.network.eval()
         with torch.inference_mode():
-            found = {
-                name: [self.network_score([one.to(device) for one in batch])]
+            scores = {
+                name: self.network_score([tensor.to(device) for tensor in batch])
                 for name, batch in self._held_out.items()
             }
         self.network.train()
-        return {name: found[name] + self._of_baselines[name] for name in found}
+        return {name: [score, *self._of_baselines[name]] for name, score in scores.items()}
 
 
 def _joined(samples: Sequence[Arrays]) -> list[Tensor]:

@@ -20,7 +20,7 @@ from tasks.methods.our_reconstruction import DECAYS
 from tasks.psnr import psnr_db
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
-from tasks.random_crops.settings import CropLight, Crops
+from tasks.random_crops.settings import CropLight
 from tasks.video import VideoMethod, picture
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
@@ -60,19 +60,14 @@ class Reconstruction(Problem):
         _start_as_the_filter(network)
         super().__init__(network, settings, light, seed)
         self._settings = settings
+        # As large as the area of the ranks, a tile at 1280 px.
+        self.held_out_crops = replace(settings.crops, side_px=settings.ranked_px)
+        self.held_out_run_in = settings.run_in_windows // 2
 
     def run_in(self, step: int) -> int:
         """As `Problem.run_in`."""
         drawn = np.random.SeedSequence([self.seed], spawn_key=(step, 0))
         return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
-
-    def held_out_crops(self) -> Crops:
-        """As `Problem.held_out_crops`: as large as the area of the ranks, a tile at 1280 px."""
-        return replace(self._settings.crops, side_px=self._settings.ranked_px)
-
-    def held_out_run_in(self) -> int:
-        """As `Problem.held_out_run_in`."""
-        return self._settings.run_in_windows // 2
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
         """As `Problem.sample`."""
@@ -87,7 +82,7 @@ class Reconstruction(Problem):
             for k in range(start, start + self._settings.windows_at_once):
                 image, states = self.network(grids[:, k], states)
                 pair = image[:, 0].float(), pictures[:, k]
-                in_tiles = [tiles_as_ranks(one, self._settings.tiles) for one in pair]
+                in_tiles = [tiles_as_ranks(images, self._settings.tiles) for images in pair]
                 errors.append(_log_error(*pair) + _log_error(*in_tiles))
             yield torch.stack(errors).mean()
             states = [tuple(part.detach() for part in state) for state in states or ()]
@@ -95,14 +90,14 @@ class Reconstruction(Problem):
     def network_score(self, batch: Sequence[Tensor]) -> float:
         """As `Problem.network_score`: the PSNR of the later half of the windows."""
         grids, pictures = batch
-        states, found = None, []
+        states, scores = None, []
         for k in range(grids.shape[1]):
             images, states = self.network(grids[:, k], states)
             if k >= grids.shape[1] // 2:
                 logs = torch.log(images[:, 0].double().clamp(min=DARKEST)).cpu().numpy()
                 truths = pictures[:, k].double().cpu().numpy()
-                found += [_psnr_db(*pair) for pair in zip(logs, truths, strict=True)]
-        return float(np.mean(found))
+                scores += [_psnr_db(*pair) for pair in zip(logs, truths, strict=True)]
+        return float(np.mean(scores))
 
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
         """As `Problem.baseline_scores`."""
@@ -111,7 +106,7 @@ class Reconstruction(Problem):
         skipped = len(crop.events) - len(pictures)
         size = crop.events[0].width, crop.events[0].height, crop.contrast_threshold
         methods: list[VideoMethod] = [HighPassFilter(*size), BlankVideo(*size)]
-        found = []
+        means = []
         for method in methods:
             for events in crop.events[: skipped + later.start]:
                 method.push(events)
@@ -120,8 +115,8 @@ class Reconstruction(Problem):
                 method.push(crop.events[skipped + k])
                 image = method.image(crop.ends_us[skipped + k])
                 scores.append(_psnr_db(image, pictures[k].astype(np.float64)))
-            found.append(float(np.mean(scores)))
-        return found
+            means.append(float(np.mean(scores)))
+        return means
 
     def step_bytes(self) -> int:
         """As `Problem.step_bytes`."""

@@ -21,6 +21,8 @@ from tasks.provenance import together
 SETTINGS_FILE, CURVE_FILE, PICTURE_FILE = "training.json", "curve.csv", "curve.png"
 CHECKPOINT_FILE, WEIGHTS_FILE, SCORES_FILE = "checkpoint.pt", "weights.pt", "scores.json"
 
+_TRAINED = WEIGHTS_FILE, CHECKPOINT_FILE  # what a training leaves, besides its settings
+
 _logger = logging.getLogger(__name__)
 
 Row = dict[str, float]
@@ -46,14 +48,26 @@ class FinalScores:
     device: str
 
     def __post_init__(self) -> None:
-        if not self.scores:
-            raise TrainingError("scores: found none, expected those of each light")
-        for light, found in self.scores.items():
-            if len(found) != 1 + len(self.baselines):
-                raise TrainingError(
-                    f"scores.{light}: found {len(found)} numbers, expected "
-                    f"{1 + len(self.baselines)}: of the network and of each baseline"
-                )
+        counts = {light: len(scores) for light, scores in self.scores.items()}
+        expected = 1 + len(self.baselines)
+        if {*counts.values()} != {expected}:
+            raise TrainingError(
+                f"scores: found {counts} numbers, expected {expected} for each light: of the "
+                "network and of each baseline"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """The content of training.json: the settings and the origin of a training."""
+
+    settings: dict[str, Any]
+    made_with: dict[str, str]
+
+    def __post_init__(self) -> None:
+        for name in ("task", "light", "seed"):
+            if name not in self.settings:
+                raise TrainingError(f"settings.{name}: missing, expected it of a training")
 
 
 @contextmanager
@@ -76,34 +90,29 @@ def opened(
                 _check_same(file, settings)
                 if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
                     made_with = _with_earlier_starts(folder, made_with)
-                    _write(file, {**read_description(folder), "made_with": made_with})
+                    _write(file, read_description(folder).settings, made_with)
+            elif untold := [name for name in _TRAINED if (folder / name).exists()]:
+                raise TrainingError(
+                    f"{file}: missing, expected the settings that {untold[0]} was trained with; "
+                    "choose another folder"
+                )
             else:
-                _check_untrained(folder)
-                _write(file, {"settings": settings, "made_with": dict(made_with)})
+                _write(file, settings, made_with)
             yield
     except LockedError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
 
 
-def _check_untrained(folder: Path) -> None:
-    """Refuse weights or a checkpoint of settings that nobody knows."""
-    for name in (WEIGHTS_FILE, CHECKPOINT_FILE):
-        if (folder / name).exists():
-            raise TrainingError(
-                f"{folder / SETTINGS_FILE}: missing, expected the settings that {name} was trained "
-                "with; choose another folder"
-            )
-
-
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
-    stored = read_description(file.parent)["settings"]
-    for name, found, expected in differences(stored, json.loads(json.dumps(settings))):
+    stored = read_description(file.parent).settings
+    for name, value, expected in differences(stored, json.loads(json.dumps(settings))):
         raise TrainingError(
-            f"{file}: {name}: found {found!r}, expected {expected!r}; choose another folder"
+            f"{file}: {name}: found {value!r}, expected {expected!r}; choose another folder"
         )
 
 
-def _write(file: Path, description: Mapping[str, Any]) -> None:
+def _write(file: Path, settings: Mapping[str, Any], made_with: Mapping[str, str]) -> None:
+    description = {"settings": settings, "made_with": dict(made_with)}
     write_text(file, json.dumps(description, indent=2) + "\n")
 
 
@@ -111,31 +120,20 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
     """Return code, machine and versions of all starts that left something; warn of other code."""
     if not (folder / CHECKPOINT_FILE).exists():
         return dict(made_with)
-    before = read_description(folder)["made_with"]
-    joined = together([before, made_with])
+    before = read_description(folder).made_with
     code = str(made_with.get("code"))
     if code.endswith("-dirty") or str(before.get("code")).split("; ")[-1] != code:
         _logger.warning(
-            "%s: continued with code %s, begun with %s: if crops, network or loss differ, train "
+            "%s: continued with code %s, started with %s: if crops, network or loss differ, train "
             "again in another folder",
             *(folder, code, before.get("code")),
         )
-    return joined
+    return together([before, made_with])
 
 
-def read_description(folder: Path) -> dict[str, Any]:
+def read_description(folder: Path) -> Description:
     """Return the settings and the origin of a training."""
-    file = folder / SETTINGS_FILE
-    if not file.exists():
-        raise TrainingError(f"{file}: no such file, expected a training's folder")
-    found = read_json(dict[str, Any], file, TrainingError)
-    for name in ("settings", "made_with"):
-        if not isinstance(found.get(name), dict):
-            raise TrainingError(f"{file}: {name}: missing, expected it of a training")
-    for name in ("task", "light", "seed"):
-        if name not in found["settings"]:
-            raise TrainingError(f"{file}: settings.{name}: missing, expected it of a training")
-    return found
+    return read_json(Description, folder / SETTINGS_FILE, TrainingError)
 
 
 def read_scores(folder: Path) -> FinalScores:

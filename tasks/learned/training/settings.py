@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,11 +16,20 @@ from tasks.random_crops.settings import MAX_SIDE_PX, Crops, FlowCrops
 T = TypeVar("T", "ReconstructionTraining", "FlowTraining")
 
 
-def _check_numbers(settings: object, besides: tuple[str, ...] = ()) -> None:
-    for one in fields(settings):  # type: ignore[arg-type]
-        found = getattr(settings, one.name)
-        if isinstance(found, int | float) and one.name not in besides:
-            check_positive(one.name, found, TrainingError)
+def _check_numbers(settings: object, **least: int) -> None:
+    """Check the numbers of settings: they are positive, or have another least value."""
+    for entry in fields(settings):  # type: ignore[arg-type]
+        name, value = entry.name, getattr(settings, entry.name)
+        if name in least:
+            _check(settings, name, value >= least[name], f"at least {least[name]}")
+        elif isinstance(value, int | float):
+            check_positive(name, value, TrainingError)
+
+
+def _check(settings: object, name: str, holds: bool, expected: str) -> None:
+    if not holds:
+        value = attrgetter(name)(settings)
+        raise TrainingError(f"{name}: found {value:g}, expected {expected}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,10 +56,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         _check_numbers(self)
-        if self.learning_rate > 1:
-            raise TrainingError(
-                f"learning_rate: found {self.learning_rate:g}, expected at most 1; 4e-4 is usual"
-            )
+        _check(self, "learning_rate", self.learning_rate <= 1, "at most 1; 4e-4 is usual")
 
     def rate(self, step: int) -> float:
         """Return the learning rate of a step."""
@@ -97,36 +104,19 @@ class ReconstructionTraining:
     tiles: int = 2
 
     def __post_init__(self) -> None:
-        _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
-        for name in ("bins", "base_channels"):
-            if (found := getattr(self, name)) < 2:
-                raise TrainingError(f"{name}: found {found}, expected at least 2")
-        for name in ("run_in_windows", "residual_blocks"):
-            if getattr(self, name) < 0:
-                raise TrainingError(f"{name}: found {getattr(self, name)}, expected 0 or more")
-        if self.windows % self.windows_at_once:
-            raise TrainingError(
-                f"windows_at_once: found {self.windows_at_once}, expected a divisor of "
-                f"{self.windows}, the number of windows"
-            )
-        for name, side_px in (("crops.side_px", self.crops.side_px), ("ranked_px", self.ranked_px)):
-            if side_px % 2**self.encoders:
-                raise TrainingError(
-                    f"{name}: found {side_px}, expected a multiple of {2**self.encoders}, for "
-                    f"{self.encoders} encoders"
-                )
-        if self.crops.side_px % self.tiles:
-            raise TrainingError(
-                f"tiles: found {self.tiles}, expected a divisor of crops.side_px, "
-                f"{self.crops.side_px}"
-            )
-        side_px = self.crops.side_px
+        _check_numbers(self, bins=2, base_channels=2, run_in_windows=0, residual_blocks=0)
+        side_px, ranked_px, windows = self.crops.side_px, self.ranked_px, self.windows
+        multiple = 2**self.encoders
+        halved = f"a multiple of {multiple}, for {self.encoders} encoders"
         most_px = min(2 * side_px, MAX_SIDE_PX)  # tilted beyond 2, the plane has a horizon
-        if not side_px <= self.ranked_px <= most_px:
-            raise TrainingError(
-                f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, {side_px}, "
-                f"and at most {most_px}"
-            )
+        at_once = f"a divisor of {windows}, the number of windows"
+        area = f"at least crops.side_px, {side_px}, and at most {most_px}"
+        tiles = f"a divisor of crops.side_px, {side_px}"
+        _check(self, "windows_at_once", windows % self.windows_at_once == 0, at_once)
+        _check(self, "crops.side_px", side_px % multiple == 0, halved)
+        _check(self, "ranked_px", ranked_px % multiple == 0, halved)
+        _check(self, "tiles", side_px % self.tiles == 0, tiles)
+        _check(self, "ranked_px", side_px <= ranked_px <= most_px, area)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,25 +143,13 @@ class FlowTraining:
     fading: float = 0.8
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
-        if self.narrower not in (1, 2, 4, 8, 16):
-            raise TrainingError(f"narrower: found {self.narrower}, expected 1, 2, 4, 8 or 16")
-        for name in ("bins", "windows"):
-            if getattr(self, name) < 2:
-                raise TrainingError(f"{name}: found {getattr(self, name)}, expected at least 2")
-        if self.crops.side_px < 128:
-            raise TrainingError(
-                f"crops.side_px: found {self.crops.side_px}, expected at least 128, the smallest "
-                "image of the network"
-            )
+        _check_numbers(self, bins=2, windows=2)
+        _check(self, "narrower", self.narrower in (1, 2, 4, 8, 16), "1, 2, 4, 8 or 16")
+        smallest = "at least 128, the smallest image of the network"
+        _check(self, "crops.side_px", self.crops.side_px >= 128, smallest)
 
 
-_TRIAL: dict[str, int] = {
-    "steps": 40,
-    "crops_per_step": 2,
-    "rising_steps": 4,
-    "validation_crops": 2,
-}
+_TRIAL = {"steps": 40, "crops_per_step": 2, "rising_steps": 4, "validation_crops": 2}
 
 RECONSTRUCTIONS = {
     "small": ReconstructionTraining(),

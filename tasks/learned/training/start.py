@@ -55,5 +55,5 @@ def start(
         check_machine(problem, device)  # before the folder keeps settings that cannot be trained
         made_with = {**made_with, "device": device_of(device).type}
     with opened(folder, described, made_with):
-        found = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
-    return problem, found
+        scores = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
+    return problem, scores

@@ -232,9 +232,9 @@ def _blur(work):
     across, blurred = work.across, work.blurred
     rows, columns = across.shape
     for y in range(rows):
-        line, found = work.votes[y], across[y, 4:]
+        line, out = work.votes[y], across[y, 4:]
         for x in range(columns - 8):
-            found[x] = (
+            out[x] = (
                 _G0 * line[x + 4]
                 + _G1 * (line[x + 3] + line[x + 5])
                 + _G2 * (line[x + 2] + line[x + 6])
@@ -242,9 +242,9 @@ def _blur(work):
                 + _G4 * (line[x] + line[x + 8])
             )
     for y in range(rows - 8):
-        lines, found = across[y : y + 9], blurred[y + 4]
+        lines, out = across[y : y + 9], blurred[y + 4]
         for x in range(columns):
-            found[x] = (
+            out[x] = (
                 _G0 * lines[4, x]
                 + _G1 * (lines[3, x] + lines[5, x])
                 + _G2 * (lines[2, x] + lines[6, x])

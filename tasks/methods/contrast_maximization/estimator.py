@@ -13,9 +13,9 @@ from tasks.methods.contrast_maximization.search import find_sharpest
 
 MIN_EVENTS = 10
 AT_BOUND = "search ended at its bound"
-"""Reason of a failure: contrast still grows there."""
+"""Reason for a failure: contrast still grows there."""
 UNDETERMINED = "motion undetermined"
-"""Reason of a failure: two halves of the events disagree."""
+"""Reason for a failure: two halves of the events disagree."""
 _AGREEMENT = 0.5  # largest difference of their flows, relative to the flow of all events
 
 
@@ -63,12 +63,13 @@ def estimate_by_plain_variance(sample: FlowSample) -> FlowEstimate:
 
 
 def determined(method: Callable[[FlowSample], FlowEstimate], sample: FlowSample) -> FlowEstimate:
-    """Estimate a flow of which nothing is known before, and only if the events determine it.
+    """Estimate a flow without an initial guess, and only if the events determine it.
 
-    Events are off the grid, as zero flow is the sharpest on it. The search always ends somewhere,
-    also for noise, and for motion too small to blur the image. So every second event and the others
-    are searched alone, too: if their flows differ by more than half of the flow of all, the
-    standard error is more than a quarter of the flow, and the answer is a failure.
+    Events are spread off the pixel grid, on which zero flow is the sharpest. The search always
+    ends somewhere, also for noise, and for motion too small to blur the image. So both halves of
+    the events, every second event and the others, are also searched alone. If their flows differ
+    by more than half of the flow of all events, the standard error is more than a quarter of the
+    flow, and the answer is a failure.
 
     Parameters
     ----------
@@ -83,15 +84,15 @@ def determined(method: Callable[[FlowSample], FlowEstimate], sample: FlowSample)
     """
     if len(sample.t) < 2 * MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
-    found = method(off_grid(sample))
-    if found.failure:
-        return found
+    whole = method(off_grid(sample))
+    if whole.failure:
+        return whole
     first, other = (method(off_grid(_every_second(sample, start))) for start in (0, 1))
     apart_px = np.linalg.norm(first.flow - other.flow)
-    clear = apart_px < _AGREEMENT * np.linalg.norm(found.flow)
+    clear = apart_px < _AGREEMENT * np.linalg.norm(whole.flow)
     if first.failure or other.failure or not clear:
         return FlowEstimate(sample.initial, UNDETERMINED)
-    return found
+    return whole
 
 
 def _every_second(sample: FlowSample, start: int) -> FlowSample:

@@ -30,16 +30,16 @@ def find_sharpest(patch, work, initial, reach, simplex):
     """
     for i in range(3):
         simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
-    made = 3
+    images = 3
     _sort(simplex)
-    while made < MAX_IMAGES and _extent(simplex) > CONVERGED_PX:
+    while images < MAX_IMAGES and _extent(simplex) > CONVERGED_PX:
         best, second, worst = simplex[0, 2], simplex[1, 2], simplex[2, 2]
         x, y = _across(simplex, 1.0)
         loss = _loss(patch, work, initial, reach, x, y)
-        made += 1
+        images += 1
         shrinks = False
         if not best <= loss < second:
-            if made == MAX_IMAGES:
+            if images == MAX_IMAGES:
                 break
             if loss < best:
                 factor = 2.0  # go on in this direction
@@ -49,7 +49,7 @@ def find_sharpest(patch, work, initial, reach, simplex):
                 factor = -0.5  # stay on this side
             other_x, other_y = _across(simplex, factor)
             other = _loss(patch, work, initial, reach, other_x, other_y)
-            made += 1
+            images += 1
             if factor == 2.0:
                 better = other < loss
             else:
@@ -61,14 +61,14 @@ def find_sharpest(patch, work, initial, reach, simplex):
             simplex[2, 0], simplex[2, 1], simplex[2, 2] = x, y, loss
         else:
             for i in range(1, 3):
-                if made == MAX_IMAGES:
+                if images == MAX_IMAGES:
                     break
                 for k in range(2):
                     simplex[i, k] = simplex[0, k] + 0.5 * (simplex[i, k] - simplex[0, k])
                 simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
-                made += 1
+                images += 1
         _sort(simplex)
-    return made
+    return images
 
 
 @inlined

@@ -57,15 +57,8 @@ def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
     turns = Rotation.from_matrix(R)
     omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
     segment, table = cumulative_spline.tabulate(R, p, omega, problem.interval_us, problem.seen_us)
-    return RobustSum(
-        *normal_equations(
-            problem.events,
-            problem.geometry,
-            Spline(segment, table, len(R)),
-            level,
-            Loss(C, HUBER_IN_C * C),
-        )
-    )
+    spline, loss = Spline(segment, table, len(R)), Loss(C, HUBER_IN_C * C)
+    return RobustSum(*normal_equations(problem.events, problem.geometry, spline, level, loss))
 
 
 @jit_contract
@@ -130,14 +123,7 @@ def normal_equations(events, geometry, spline, level, loss):
         Y_y = R_0[0, 1] * X_x + R_0[1, 1] * X_y + R_0[2, 1] * X_z
         Y_z = R_0[0, 2] * X_x + R_0[1, 2] * X_y + R_0[2, 2] * X_z
         u, v = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
-        inside_1 = (
-            Z > 0.0
-            and Y_z > 0.0
-            and u >= 0.5
-            and u <= width - 0.5
-            and v >= 0.5
-            and v <= height - 0.5
-        )
+        inside_1 = Z > 0.0 and Y_z > 0.0 and 0.5 <= u <= width - 0.5 and 0.5 <= v <= height - 0.5
         if inside_1:
             L_1, L_u, L_v = bicubic.sample(L, u, v)
             # dL/dX in the reference camera, g in the world

@@ -97,15 +97,14 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
         interval_us=knots_us(sample.initial)[0],
         distance_m=distance_m(sample),
     )
-    if residuals < wanted:
-        return problem, f"{residuals} events with one before them, expected {wanted}"
-    return problem, ""
+    lacking = f"{residuals} events with one before them, expected {wanted}"
+    return problem, lacking if residuals < wanted else ""
 
 
 def _seen_us(t_us: NDArray[np.int32], duration_us: int) -> NDArray[np.bool_]:
-    seen = np.zeros(duration_us, bool)
-    seen[t_us] = True
-    return seen
+    mask = np.zeros(duration_us, bool)
+    mask[t_us] = True
+    return mask
 
 
 def intrinsics(K: Float64) -> Intrinsics:
@@ -129,12 +128,12 @@ def join_events(problem: Problem, events: int) -> Problem:
     last = np.append(first[1:], True)
     ends = (since_first % events == 0) | last
     every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
-    kept = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
-    first, t_us = first[kept], t_us[kept]
-    total = np.cumsum(p, dtype=np.int64)[kept]  # a pixel's first one does not matter
+    chosen = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
+    first, t_us = first[chosen], t_us[chosen]
+    total = np.cumsum(p, dtype=np.int64)[chosen]  # a pixel's first one does not matter
     joined = PixelEvents(
-        x[kept],
-        y[kept],
+        x[chosen],
+        y[chosen],
         t_us,
         np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
         np.diff(total, prepend=0).astype(np.int16),

@@ -18,10 +18,10 @@ _MAX_PASSES = 60  # per level
 _CONVERGED_PX = 0.02  # a shorter step is the last; root mean square over the control poses
 _CONVERGED_NOISE = 0.1  # a step that gains less than this share of the minimum's noise is the last
 
-Found = tuple[Trajectory, RobustSum, int, bool]
+Result = tuple[Trajectory, RobustSum, int, bool]
 
 
-def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Found:
+def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Result:
     """Search on one reference view after another."""
     passes, converged = 0, False
     state = RobustSum(math.nan, np.empty(0), np.empty((0, 0)), 0)
@@ -32,7 +32,7 @@ def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Found
     return path, state, passes, converged
 
 
-def _levenberg_marquardt(problem: Problem, level: Level, path: Trajectory) -> Found:
+def _levenberg_marquardt(problem: Problem, level: Level, path: Trajectory) -> Result:
     """Return path, sum, number of passes over the events, and whether the search converged."""
     damping = 1e-3
     state = accumulate(problem, level, path)

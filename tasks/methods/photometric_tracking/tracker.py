@@ -17,7 +17,7 @@ from tasks.errors import TaskError
 from tasks.methods.photometric_tracking.accumulation import HUBER_IN_C
 from tasks.methods.photometric_tracking.reference_views import Level, pyramid
 from tasks.methods.photometric_tracking.residuals import Problem, distance_m, knots_us, problem_of
-from tasks.methods.photometric_tracking.search import Found, search
+from tasks.methods.photometric_tracking.search import Result, search
 from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
 
 _MIN_INSIDE = 0.5
@@ -40,12 +40,12 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
     start = _start_of(sample)
     if start.failure:
         return TrackingEstimate(sample.initial, start.failure)
-    found = start.found
+    result = start.result
     if start.finest:
-        path, state, passes, converged = search(start.problem, found[0], [start.finest])
-        found = path, state, found[2] + passes, converged
-    diagnostics, failure = _judge(start.problem, sample, found)
-    return TrackingEstimate(sample.initial if failure else found[0], failure, diagnostics)
+        path, state, passes, converged = search(start.problem, result[0], [start.finest])
+        result = path, state, result[2] + passes, converged
+    diagnostics, failure = _judge(start.problem, sample, result)
+    return TrackingEstimate(sample.initial if failure else result[0], failure, diagnostics)
 
 
 def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
@@ -68,15 +68,18 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
             f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
             "largest delay to search"
         )
-    begun, blur_px = _begun(sample)
+    start = _start_of(sample)
+    begun, blur_px = sample.initial, _blur_px(sample)
+    if not start.failure and start.result[3]:
+        begun, blur_px = start.result[0], _EXTRAPOLATION_PX
     late = _extended(begun, sample.max_delay_us)
     events_end_us = round(1e6 * sample.initial.duration_s) + sample.max_delay_us
     problem, failure = problem_of(sample, min(knots_us(late)[1], events_end_us))
     if failure:
         return TrackingEstimate(sample.initial, failure)
-    found = search(problem, late, pyramid(sample.log_image, sample.camera.K, blur_px))
-    path = found[0]
-    diagnostics, failure = _judge(problem, sample, found)
+    result = search(problem, late, pyramid(sample.log_image, sample.camera.K, blur_px))
+    path = result[0]
+    diagnostics, failure = _judge(problem, sample, result)
     delay_us = _delay_us(sample, path)
     diagnostics = replace(diagnostics, delay_us=float(delay_us))
     if not failure and delay_us == sample.max_delay_us:  # 0 is a valid answer
@@ -92,26 +95,15 @@ def _blur_px(sample: TrackingSample) -> float:
     return sample.camera.focal_px * sample.initial_sigma_m / distance_m(sample)
 
 
-def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
-    """Estimate a path without delay and without the finest level; return it and its error in px.
-
-    The path is the initial one if the search does not converge.
-    """
-    start = _start_of(sample)
-    if not start.failure and start.found[3]:
-        return start.found[0], _EXTRAPOLATION_PX
-    return sample.initial, _blur_px(sample)
-
-
 class _Start(NamedTuple):
     """The events without delay, and their search on all levels but the finest, if there are more.
 
-    `found` is as `search` returns it; `failure` says why there was no search.
+    `result` is as `search` returns it; `failure` says why there was no search.
     """
 
     problem: Problem
     failure: str
-    found: Found
+    result: Result
     finest: Level | None
 
 
@@ -124,11 +116,10 @@ def _start_of(sample: TrackingSample) -> _Start:
     known, start = _starts.get(sample, (None, None))
     if start is None or known != checksums:
         problem, failure = problem_of(sample, knots_us(sample.initial)[1])
-        levels = (
-            [] if failure else list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
-        )
-        found = search(problem, sample.initial, levels[:-1] or levels)
-        start = _Start(problem, failure, found, levels[-1] if levels[1:] else None)
+        views = pyramid(sample.log_image, sample.camera.K, _blur_px(sample))
+        levels = [] if failure else list(views)
+        result = search(problem, sample.initial, levels[:-1] or levels)
+        start = _Start(problem, failure, result, levels[-1] if levels[1:] else None)
         _starts[sample] = checksums, start
     return start
 
@@ -143,22 +134,22 @@ def _checksums(sample: TrackingSample) -> list[int]:
 
 
 def _judge(
-    problem: Problem, sample: TrackingSample, found: Found
+    problem: Problem, sample: TrackingSample, result: Result
 ) -> tuple[TrackingDiagnostics, str]:
-    """Return the diagnostics of what a search found, and the reason of a failure."""
-    _, state, passes, converged = found
+    """Return the diagnostics of a search, and the reason of a failure."""
+    _, state, passes, converged = result
     diagnostics = TrackingDiagnostics(
         state.cost / problem.residuals, passes, problem.residuals, state.outside
     )
-    if not math.isfinite(state.cost):
-        return diagnostics, "the cost is not finite"
-    if state.outside > (1 - _MIN_INSIDE) * problem.residuals:
-        left = f"{state.outside} of {problem.residuals} events left the reference view"
-        return diagnostics, left
     huber = HUBER_IN_C * sample.contrast_threshold
-    if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
-        return diagnostics, "explains the events no better than standing still"
-    return diagnostics, "" if converged else f"no convergence in {passes} passes"
+    failure = "" if converged else f"no convergence in {passes} passes"
+    if not math.isfinite(state.cost):
+        failure = "the cost is not finite"
+    elif state.outside > (1 - _MIN_INSIDE) * problem.residuals:
+        failure = f"{state.outside} of {problem.residuals} events left the reference view"
+    elif diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
+        failure = "explains the events no better than standing still"
+    return diagnostics, failure
 
 
 def _extended(path: Trajectory, by_us: int) -> Trajectory:

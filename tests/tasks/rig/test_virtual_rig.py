@@ -366,7 +366,7 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     with pytest.raises(TaskError, match=r"crop.json: exists already"):
         crop([recording], calibration, out)
     (made / "crop.json").unlink()
-    with pytest.raises(RigError, match="crops: holds no crop"):
+    with pytest.raises(RigError, match="crops: found no crop"):
         evaluate_rig([out], RigEvaluation())
     crop([recording], calibration, out)
     assert (made / "crop.json").exists()
@@ -410,7 +410,7 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     points = {}
     for folder in crops:
         one = _load(folder, crops[folder], printed, settings)
-        found = _windows(folder, one, settings.travel_m)
+        found = _windows(one, settings.travel_m)
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
         pose, camera = one.cropped.pose.pose(), one.cropped.camera()
         middle_px = 0.5 * np.array([[camera.width, camera.height]])
@@ -456,8 +456,8 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
     off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
     nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
-    with pytest.raises(RigError, match=r"near: no place has 6 mm of constant speed"):
-        _windows(made, nowhere, 0.006)
+    with pytest.raises(RigError, match=r"events.h5: none of 2 places has a window of 6 mm"):
+        _windows(nowhere, 0.006)
     with pytest.raises(RigError, match=r"0 windows of 40 mm"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
     shutil.copytree(made, tmp_path / "others" / "near")
@@ -580,7 +580,7 @@ def test_rows_are_asked_for(recording, frames_solved, tmp_path):
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     crop([recording], read_rig_calibration(file), tmp_path / "crops")
-    with pytest.raises(RigError, match="nothing to score"):
+    with pytest.raises(RigError, match="crops: nothing to score"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2, flow=(), video=(), tracking=()))
 
 
