@@ -140,8 +140,7 @@ class _Loader(yaml.SafeLoader):
 
 for _tag in ("opencv-matrix", "opencv-nd-matrix"):  # the other one is of vectors, since OpenCV 5
     _Loader.add_constructor(
-        f"tag:yaml.org,2002:{_tag}",
-        lambda loader, node: loader.construct_mapping(node, deep=True),
+        f"tag:yaml.org,2002:{_tag}", lambda loader, node: loader.construct_mapping(node, deep=True)
     )
 
 

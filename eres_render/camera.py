@@ -484,10 +484,7 @@ class Plane:
 
 
 def plane_homography(
-    K: Float64,
-    T_world_cam_0: Float64,
-    T_world_cam_1: Float64,
-    plane: Plane,
+    K: Float64, T_world_cam_0: Float64, T_world_cam_1: Float64, plane: Plane
 ) -> Float64:
     """Return the matrix that takes homogeneous pixels of view 0 to view 1, through a plane.
 

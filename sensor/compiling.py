@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 
 from sensor.file_lock import locked
 
@@ -34,31 +33,17 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     files = sorted(file for folder in folders for file in folder.rglob("*.py"))
     sources = (source for source in map(Path.read_bytes, files) if b"jit" in source)
     stamp = hashlib.sha256(b"".join(sources)).hexdigest()
-    for_all: dict[str, Any] = {
-        "cache": True,
-        "nogil": True,
-        "error_model": "numpy",
-        "no_cfunc_wrapper": True,
-    }
+    options |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
     def compiled(kernel: _Kernel) -> _Kernel:
-        found: Any = numba.njit(**for_all, **options)(kernel)
-        if isinstance(found, Dispatcher):  # not if Numba is disabled
-            kept: Any = found
-            index = kept._cache._cache_file
+        jitted: Any = numba.njit(**options)(kernel)
+        if hasattr(jitted, "_cache"):  # not if Numba is disabled
+            index = jitted._cache._cache_file
             index._source_stamp = (index._source_stamp, stamp)
-            _compile_once(kept)
-        return found
+            _compile_once(jitted)
+        return jitted
 
     return compiled
-
-
-def is_cached(kernel: object) -> bool:
-    """Return whether code of a kernel is in the cache, for arguments of any types."""
-    if not isinstance(kernel, Dispatcher):
-        return False
-    cached: Any = kernel
-    return bool(cached._cache._cache_file._load_index())
 
 
 def _compile_once(kernel: Any) -> None:

@@ -285,9 +285,7 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
     return pieces, bent_triangles, piece_of_triangle, edges
 
 
-def _neighbors(
-    vertices: Float64,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def _neighbors(vertices: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Find pairs of triangles on the two sides of an edge.
 
     Returns

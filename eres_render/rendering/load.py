@@ -32,9 +32,7 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def load_mi_scene(
-    scene: Scene,
-    emitters: Mapping[str, Any] | None = None,
-    without: Collection[str] = (),
+    scene: Scene, emitters: Mapping[str, Any] | None = None, without: Collection[str] = ()
 ) -> mi.Scene:
     """Load scene.xml for the selected variant.
 

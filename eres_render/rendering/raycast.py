@@ -147,6 +147,5 @@ def _rays(origins: Float64, directions: Float64) -> Any:
 
     origins = np.broadcast_to(origins, directions.shape)
     return mi.Ray3f(
-        mi.Point3f(*origins.T.astype(np.float32)),
-        mi.Vector3f(*directions.T.astype(np.float32)),
+        mi.Point3f(*origins.T.astype(np.float32)), mi.Vector3f(*directions.T.astype(np.float32))
     )

@@ -215,12 +215,7 @@ class GroundTruth:
         return Flow(flow_px, valid.reshape(shape), occluded.reshape(shape))
 
     def point_flow(
-        self,
-        points_px: Float64,
-        t_0_s: float,
-        t_1_s: float,
-        width: int,
-        height: int | None = None,
+        self, points_px: Float64, t_0_s: float, t_1_s: float, width: int, height: int | None = None
     ) -> tuple[Float64, NDArray[np.bool_]]:
         """Return the optical flow of the surface points seen at some pixels.
 

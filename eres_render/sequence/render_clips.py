@@ -21,12 +21,7 @@ from eres_render.rendering.backend import release_render_memory
 from eres_render.rendering.renderer import Integrator, Renderer
 from eres_render.scene.scene import Scene
 from eres_render.sequence.clips import Clip, clips, continuous_stretch
-from eres_render.sequence.manifest import (
-    FORMAT_VERSION,
-    RENDER_VERSION,
-    Manifest,
-    plane_values,
-)
+from eres_render.sequence.manifest import FORMAT_VERSION, RENDER_VERSION, Manifest, plane_values
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.sequence.sequence import (
     RadianceSequence,

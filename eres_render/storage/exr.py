@@ -58,9 +58,7 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
 
 
 def write_luminance(
-    path: Path,
-    image: NDArray[np.floating],
-    attributes: Mapping[str, str] | None = None,
+    path: Path, image: NDArray[np.floating], attributes: Mapping[str, str] | None = None
 ) -> None:
     """Write an image as the half-float channel Y.
 

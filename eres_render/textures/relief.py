@@ -107,13 +107,7 @@ def _lit(relief: Float32, x: float, y: float, z: float, seen: Float32) -> None:
 
 @jit
 def _add_lamp(
-    relief: Float32,
-    faces: Faces,
-    x: float,
-    y: float,
-    z: float,
-    power: float,
-    light: Float32,
+    relief: Float32, faces: Faces, x: float, y: float, z: float, power: float, light: Float32
 ) -> None:
     """Add the light of a lamp of unit direction, `power` on a face that looks at it."""
     rows, columns = relief.shape

@@ -151,14 +151,7 @@ class SensorGroup:
                 alike = self.settings.C_on.shape[1] == 1
                 block = room_for_block(len(chunk), _BLOCK_PX, alike, workers.pools[k])
                 outcome, resume = advance_pixels(
-                    light,
-                    pixels,
-                    self.state,
-                    self.settings,
-                    clock,
-                    block,
-                    resume,
-                    segment,
+                    light, pixels, self.state, self.settings, clock, block, resume, segment
                 )
                 if outcome == FULL:
                     workers.enlarge_pool(k)

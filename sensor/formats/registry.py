@@ -150,15 +150,7 @@ _FORMATS = {
             options=("time_unit", "sort"),
         ),
         _faery_format("aedat4", "AEDAT 4", ".aedat4", ".aedat"),
-        Format(
-            "aedat3",
-            "AEDAT 3.1",
-            (),
-            None,
-            aedat3.read_header,
-            aedat3.read,
-            options=("sort",),
-        ),
+        Format("aedat3", "AEDAT 3.1", (), None, aedat3.read_header, aedat3.read, options=("sort",)),
         _faery_format("dat", "Prophesee DAT", ".dat"),
         _faery_format("es", "Event Stream", ".es"),
         Format(
@@ -340,12 +332,7 @@ def write_events(
     batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
     first = next(batches)
     header = Header(
-        first.width,
-        first.height,
-        first.model,
-        dict(origin or {}),
-        t_offset_us,
-        triggers=triggers,
+        first.width, first.height, first.model, dict(origin or {}), t_offset_us, triggers=triggers
     )
     assert chosen.write is not None  # as `find_format` has checked
     try:

@@ -124,10 +124,7 @@ def _vote(events: Columns, bins_per_us: float, grid: NDArray[np.float32]) -> Non
 
 @jit
 def _vote_between_pixels(
-    events: Columns,
-    positions: NDArray[np.floating],
-    bins_per_us: float,
-    grid: NDArray[np.float32],
+    events: Columns, positions: NDArray[np.floating], bins_per_us: float, grid: NDArray[np.float32]
 ) -> None:
     bins, height, width = grid.shape
     for k in range(events.x.size):

@@ -271,8 +271,7 @@ def log_bin_edges_us(
 
 
 def mode_us(
-    edges_us: Sequence[int] | NDArray[np.int64],
-    counts: Sequence[int] | NDArray[np.int64],
+    edges_us: Sequence[int] | NDArray[np.int64], counts: Sequence[int] | NDArray[np.int64]
 ) -> float | None:
     """Return the mode of a histogram over log time.
 
