@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 
 from sensor.file_lock import locked
 
@@ -44,6 +45,12 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
         return jitted
 
     return compiled
+
+
+def is_cached(kernel: Any) -> bool:
+    """Return whether code of a kernel is in the cache, for arguments of any types."""
+    cache: Any = getattr(kernel, "_cache", None)
+    return isinstance(kernel, Dispatcher) and bool(cache._cache_file._load_index())
 
 
 def _compile_once(kernel: Any) -> None:

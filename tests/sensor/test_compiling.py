@@ -61,18 +61,21 @@ def variables(tmp_path):
 @pytest.mark.parametrize("folder", [SENSOR, RENDER], indirect=True)
 def test_an_edit_of_a_kernel_recompiles_those_that_call_it(folder, variables):
     """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
-    in other files of the folder, and nothing is recompiled without an edit."""
+    in other files of the folder, and nothing is recompiled without an edit. `is_cached` tells."""
 
     def result():
         (folder / "callee.py").write_text(CALLEE.format(value))
-        code = "from kernels.caller import two;print(two(), sum(two.stats.cache_hits.values()))"
+        code = (
+            "from kernels.caller import two; from sensor.compiling import is_cached;"
+            "print(int(is_cached(two)), two(), sum(two.stats.cache_hits.values()))"
+        )
         return tuple(map(int, run_python(code, **variables).stdout.split()))
 
     value = 1
-    assert result() == (2, 0)
-    assert result() == (2, 1)
+    assert result() == (0, 2, 0)
+    assert result() == (1, 2, 1)
     value = 5
-    assert result() == (10, 0)
+    assert result() == (0, 10, 0)
 
 
 TOGETHER = """
