@@ -46,9 +46,9 @@ class Pieces:
         ideal = self._per_change * change
         expected = np.cumsum(np.maximum(self._rate, self._share * ideal))
         pieces = max(1.0, np.ceil(expected[-1] / _PIECE_EVENTS))
-        found = max(1, int(np.searchsorted(expected, expected[-1] / pieces, side="right")))
-        self._logs, self._foretold = logs[found - 1], float(ideal[:found].sum())
-        return found
+        count = max(1, int(np.searchsorted(expected, expected[-1] / pieces, side="right")))
+        self._logs, self._foretold = logs[count - 1], float(ideal[:count].sum())
+        return count
 
     def learn(self, frames: int, events: int) -> None:
         """Take note of what fired."""

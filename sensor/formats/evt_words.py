@@ -93,7 +93,7 @@ def decode_triggers(words, layout, state, t_us, channel, p):
     """
     wrap = 1 << layout.high_bits
     low_values = 1 << layout.low_bits
-    made = 0
+    count = 0
     high = state[HIGH]
     low = state[LOW]
     last = state[LAST_US]
@@ -114,11 +114,11 @@ def decode_triggers(words, layout, state, t_us, channel, p):
             if time < last and last >> layout.low_bits == high:
                 time = last  # as `held` does for events
             last = time
-            t_us[made] = time
-            channel[made] = (word >> CHANNEL_SHIFT) % layout.channels
-            p[made] = 1 if word & 1 else -1
-            made += 1
+            t_us[count] = time
+            channel[count] = (word >> CHANNEL_SHIFT) % layout.channels
+            p[count] = 1 if word & 1 else -1
+            count += 1
     state[HIGH] = high
     state[LOW] = low
     state[LAST_US] = last
-    return made
+    return count
