@@ -21,8 +21,8 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     ----------
     frames
         An array of any shape, one frame or many: uint8 or uint16, where the largest number of the
-        type is white, or floats from 0 to 1. Divide data with fewer bits than their type (12 in a
-        uint16) by their own white first.
+        type is white, or floats from 0 to 1. Divide data with fewer bits than their type, such as
+        12 bits in a uint16, by their white level first.
     encoding
         Transfer function of the values:
 

@@ -127,10 +127,8 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
     paint(gul < 0.086, _ROSE)
     hooks = (abs(repeat(np.arctan2(v, u), np.pi / 4)) < 0.14) & (gul < 0.086)
     paint(hooks, _IVORY)
-    paint(star(u, v) < 0.054, _UMBER)
-    paint(star(u, v) < 0.042, _IVORY)
-    paint(star(u, v) < 0.026, _RED)
-    paint(star(u, v) < 0.014, _UMBER)
+    for size_m, reflectance in ((0.054, _UMBER), (0.042, _IVORY), (0.026, _RED), (0.014, _UMBER)):
+        paint(star(u, v) < size_m, reflectance)
 
     # The borders, told by the distance from the edge; `along` runs along the nearest side.
     inset_x, inset_y = half_m[0] - abs(x), half_m[1] - abs(y)

@@ -37,7 +37,7 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             continue
         if last_us is not None and part.t_us[0] < last_us:
             raise EventFormatError(
-                f"part {k}: starts at {part.t_us[0]} us, but part {k - 1} ends at {last_us} us"
+                f"part {k}: starts at {part.t_us[0]} us, but earlier parts end at {last_us} us"
             )
         last_us = int(part.t_us[-1])
         while count + len(part) >= PART_EVENTS:

@@ -448,7 +448,7 @@ def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
         ("640 480\n0.5 1 2 -2\n", "expected p to be 0 or 1, or -1 or 1"),
         (
             "640 480\n0.5 1 2 -1\n0.6 1 2 1\n0.7 1 2 0\n",
-            "byte 29: found b'0.7 1 2 0': darker events",
+            "byte 29: found b'0.7 1 2 0': darker",
         ),
         ("640 480\n0.5 1 2 2\n", "expected p to be 0 or 1"),
         ("640 480\n0.5 1 2 9\n", "expected p to be 0 or 1"),
