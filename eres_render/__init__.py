@@ -52,40 +52,14 @@ _HOMES = {
     name: f"eres_render.{module}" for module, names in _NAMES.items() for name in names.split()
 }
 
-__all__ = [
-    "BackendError",
-    "Camera",
-    "Clip",
-    "Distortion",
-    "Flow",
-    "GroundTruth",
-    "Noise",
-    "Plane",
-    "RadianceSequence",
-    "RenderError",
-    "Renderer",
-    "Scene",
-    "SceneError",
-    "SequenceError",
-    "Trajectory",
-    "TrajectoryError",
-    "clip_in_progress",
-    "clips",
-    "continuous_stretch",
-    "ground_truth",
-    "list_scenes",
-    "load_scene",
-    "measure_noise",
-    "open_sequence",
-    "path_through",
-    "plane_homography",
-    "random_path",
-    "render_clip",
-    "render_scene",
-    "waypoint_loop",
-    "window_times",
-    "write_truth",
-]
+__all__ = ["Camera", "Distortion", "Plane", "plane_homography"]
+__all__ += ["Renderer", "Scene", "list_scenes", "load_scene"]
+__all__ += ["Trajectory", "path_through", "random_path", "waypoint_loop"]
+__all__ += ["Clip", "clips", "continuous_stretch"]
+__all__ += ["clip_in_progress", "render_clip", "render_scene"]
+__all__ += ["Noise", "RadianceSequence", "measure_noise", "open_sequence"]
+__all__ += ["Flow", "GroundTruth", "ground_truth", "window_times", "write_truth"]
+__all__ += ["BackendError", "RenderError", "SceneError", "SequenceError", "TrajectoryError"]
 
 
 def __getattr__(name: str) -> Any:

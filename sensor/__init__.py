@@ -47,30 +47,11 @@ _NAMES = {
 }
 _HOMES = {name: f"sensor.{module}" for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = [
-    "EventCamera",
-    "EventError",
-    "EventFormatError",
-    "Events",
-    "LiveCamera",
-    "Readout",
-    "ReadoutReport",
-    "SensorError",
-    "SensorModel",
-    "camera_names",
-    "cutoff_in_light",
-    "find_camera",
-    "plain_camera",
-    "read_camera",
-    "read_out",
-    "release_memory",
-    "simulate",
-    "simulate_bank",
-    "stream",
-    "stream_bank",
-    "to_linear",
-    "write_camera",
-]
+__all__ = ["Events", "SensorModel", "cutoff_in_light", "to_linear"]
+__all__ += ["LiveCamera", "release_memory", "simulate", "simulate_bank", "stream", "stream_bank"]
+__all__ += ["EventCamera", "camera_names", "find_camera", "plain_camera"]
+__all__ += ["Readout", "ReadoutReport", "read_camera", "read_out", "write_camera"]
+__all__ += ["EventError", "EventFormatError", "SensorError"]
 
 
 def __getattr__(name: str) -> Any:

@@ -7,16 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sensor.engine import arguments
+from sensor.engine import arguments, frames
 from sensor.engine.devices import device_called
-from sensor.engine.frames import (
-    check_spans,
-    checked_times,
-    refuse_bad_radiance,
-    warn_of_long_intervals,
-    warn_of_whole_numbers,
-    whole_microseconds,
-)
 from sensor.engine.live import Live
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate, no_events
@@ -140,8 +132,8 @@ class LiveCamera:
             ends the camera.
         """
         self._check_open("push")
-        frames = frame if hasattr(frame, "ndim") else np.asarray(frame)
-        chunk = self._device.frames(frames[None] if frames.ndim == 2 else frames, self._frames)
+        given = frame if hasattr(frame, "ndim") else np.asarray(frame)
+        chunk = self._device.frames(given[None] if given.ndim == 2 else given, self._frames)
         times_s = self._next_times(t_s, len(chunk))
         if self._live is None:
             self._live = self._started(chunk[0])
@@ -160,8 +152,8 @@ class LiveCamera:
         events = self._joined(parts)
         if self._sender is None:
             return events
-        latency_us = round(self.model.latency_s * 1e6)
-        return self._sender.push(events, int(whole_microseconds(self._last_s)[0][0]) + latency_us)
+        last_us = int(frames.whole_microseconds(self._last_s)[0][0])
+        return self._sender.push(events, last_us + round(self.model.latency_s * 1e6))
 
     def finish(self) -> Events:
         """Return the remaining events, and end the camera.
@@ -205,20 +197,20 @@ class LiveCamera:
     def _next_times(self, t_s: ArrayLike, count: int) -> NDArray[np.float64]:
         """Return the times of the next frames, checked against the last time."""
         before = len(self._last_s)
-        times_s = checked_times(np.append(self._last_s, t_s), self._frames - before)
+        times_s = frames.checked_times(np.append(self._last_s, t_s), self._frames - before)
         if len(times_s) - before != count:
             raise SensorError(f"t_s: found {len(times_s) - before} times for {count} frames")
-        check_spans(times_s, 1.0, self._frames - before)
+        frames.check_spans(times_s, 1.0, self._frames - before)
         if self._frames < 2:  # the first interval
-            warn_of_long_intervals(times_s)
+            frames.warn_of_long_intervals(times_s)
         return times_s[before:]
 
     def _started(self, first: NDArray[np.floating]) -> Live:
         """Start the pixels at a first frame (H, W), and complete the model."""
         first = first.copy_to_host() if hasattr(first, "copy_to_host") else first
         arguments.check_fit(self.model, *first.shape)
-        refuse_bad_radiance(first[None], 0)
-        warn_of_whole_numbers(first)
+        frames.refuse_bad_radiance(first[None], 0)
+        frames.warn_of_whole_numbers(first)
         (self.model,) = arguments.completed([self._given], first, self._white)
         self._shape = first.shape
         return Live([self.model], [1.0], [0], self._seed, self._device, first.size)

@@ -217,9 +217,9 @@ def _is_like_baked(emitter: Any, emission: Any) -> bool:
     si = dr.zeros(mi.SurfaceInteraction3f, len(points))
     si.uv = mi.Point2f((x + 0.5) / columns, (y + 0.5) / rows)
     si.wi = mi.Vector3f(0, 0, 1)
-    found = np.asarray(emitter.eval(si)[0])
+    radiance = np.asarray(emitter.eval(si)[0])
     expected = map_coordinates(image, (y, x), order=1, mode="nearest")
-    return bool(np.allclose(found, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
+    return bool(np.allclose(radiance, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
 
 
 def _largest_entry(values: NDArray[np.float32]) -> tuple[int, int]:
@@ -254,8 +254,8 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
         """Whether planes, lit sides and maps of some triangles hold at the vertices of others."""
         offset = vertices[at] - vertices[of][:, :1]
         off_plane = np.abs(np.einsum("nvi,ni->nv", offset, normal[of])).max(1)
-        found = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
-        off_map = np.abs(found - triangles.texels[at]).max((1, 2))
+        mapped = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
+        off_map = np.abs(mapped - triangles.texels[at]).max((1, 2))
         same = np.einsum("ni,ni->n", normal[of], normal[at]) > 0
         same &= (triangles.texture[of] == triangles.texture[at]) & known[of] & known[at]
         same &= (triangles.radiance[of] == triangles.radiance[at]) & (lit_side[of] == lit_side[at])

@@ -86,8 +86,8 @@ class Manifest:
         if self.intrinsics is None:
             return Camera(self.width, self.height, self.fov_rad, distortion=self.distortion)
         fx, fy, cx, cy = self.intrinsics
-        pinhole = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-        return Camera(self.width, self.height, self.fov_rad, **pinhole, distortion=self.distortion)
+        size, lens = (self.width, self.height), self.distortion
+        return Camera(*size, self.fov_rad, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)
 
 
 def plane_values(scene: Scene) -> tuple[float, ...]:

@@ -26,15 +26,5 @@ from sensor.formats.registry import (
 )
 from sensor.formats.triggers import Triggers
 
-__all__ = [
-    "FORMATS",
-    "Format",
-    "Header",
-    "Triggers",
-    "find_format",
-    "load_events",
-    "read_events",
-    "read_header",
-    "read_triggers",
-    "write_events",
-]
+__all__ = ["FORMATS", "Format", "Header", "Triggers", "find_format"]
+__all__ += ["load_events", "read_events", "read_header", "read_triggers", "write_events"]

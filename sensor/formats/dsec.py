@@ -55,17 +55,11 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             # Texts have a fixed length: HDF5 has no checksum for texts of variable length.
             file.attrs[name] = np.bytes_(text.encode())
 
+        options = {"maxshape": (None,), "chunks": (_CHUNK_EVENTS,), "shuffle": True}
+        options |= {"fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
+
         def create(name: str, dtype: type) -> Any:
-            return file.create_dataset(
-                name,
-                (0,),
-                dtype,
-                maxshape=(None,),
-                chunks=(_CHUNK_EVENTS,),
-                shuffle=True,
-                fletcher32=True,
-                **hdf5plugin.Zstd(clevel=1),
-            )
+            return file.create_dataset(name, (0,), dtype, **options)
 
         parts = storage.each(parts)
         first = next(parts)

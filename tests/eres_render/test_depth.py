@@ -118,9 +118,7 @@ def test_a_loop_has_an_end(monkeypatch):
 
 
 def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(
-        TrajectoryError, match=r"waypoints\[1\]: found the position of the waypoint before"
-    ):
+    with pytest.raises(TrajectoryError, match=r"waypoints\[1\]: found the position of the way"):
         waypoint_loop(
             np.array([CORNERS[0]] * 2),
             duration_s=1.0,
@@ -160,7 +158,7 @@ def test_each_wrong_field_of_a_path_is_named(tmp_path, old, new, message):
                 ("[0.0, 1.0, 1.6]", "[1.0, 0.0, 1.5]"),
                 ("sway_m = [0.05, 0.05, 0.05]", "sway_m = [0.0, 0.0, 0.0]"),
             ],
-            r"waypoints\[1\]: found the position of the waypoint before it, \[1\.0, 0\.0, 1\.5\], expected",
+            r"waypoints\[1\]: found the position of .*, \[1\.0, 0\.0, 1\.5\], exp",
         ),
         (
             [
@@ -310,7 +308,7 @@ def test_a_clip_beyond_the_checked_path_is_refused(room, tmp_path):
     renderer = Renderer(room, 16, 1)
     end_s = room.duration_s
     assert renderer.trajectory.duration_s > end_s
-    with pytest.raises(RenderError, match=r"Clip 0: found an end at .* s, expected at most"):
+    with pytest.raises(RenderError, match=r"Clip 0: ends at 10\.\d+ s, after the end of"):
         render_clip(renderer, Clip(0, 0.1, 0.2, end_s + 0.1), tmp_path / "clip", 0.5)
     assert not (tmp_path / "clip").exists()
 

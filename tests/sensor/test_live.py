@@ -101,13 +101,13 @@ def test_a_frame_is_divided_among_threads_where_that_is_worth_it(monkeypatch):
     """Promise: on a machine of many cores a small frame costs what it does on one: the default is
     one thread for each core, and a part of 100 microseconds of work costs that much to start."""
     monkeypatch.setattr(group, "_BAND_WORK", 1 << 16)
-    pixels, advance = [], group.advance_pixels
+    pixels, advance = [], group.advance.advance_pixels
 
     def counted(light, band, *rest):
         pixels.append(band.stop - band.start)
         return advance(light, band, *rest)
 
-    monkeypatch.setattr(group, "advance_pixels", counted)
+    monkeypatch.setattr(group.advance, "advance_pixels", counted)
     with LiveCamera(plain(width=320, height=240), threads=8) as live:
         live.push(np.ones((240, 320)), 0.0)
         live.push(np.ones((240, 320)), 1.0)

@@ -236,7 +236,7 @@ BAD_POSES = [
     ("0 0 0 0.2 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", "is inside a solid or behind a wall, shape 'ball'"),
     ("0 3 0 0 0 0 0 1\n1 -3 0 0 0 0 0 1\n", "of shape 'ball'"),
     ("hello\n", "line 1: found 'hello', expected 8 numbers"),
-    ("0 3 0 0 0 0 0 1\n", "found 1, expected two or more poses"),
+    ("0 3 0 0 0 0 0 1\n", "found 1 times for poses of shape"),
     ("", "found no pose"),
     (b"\x92\xff\x00", "poses.txt: could not be read as text"),
 ]
