@@ -200,7 +200,7 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
     }
     poses = (clip / "poses.txt").read_bytes()
     code, _, err = eres("truth", clip, "--out", clip, "--overwrite")
-    assert (code, "found a sequence; truth would" in err) == (1, True)
+    assert (code, "holds a sequence" in err) == (1, True)
     assert (clip / "poses.txt").read_bytes() == poses
 
 
@@ -287,7 +287,7 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 def test_a_path_without_room_for_a_clip_says_what_to_do(eres, tmp_path, path_s, instead):
     xml = write_scene(tmp_path, CAMERA, SCENE)
     poses = write_poses(tmp_path, POSITIONS_M, (0.0, 0.2, path_s))
-    text = f"found 0.22 s of path, expected at least 0.3 s for the first of them; {instead} for one"
+    text = f"found 0.22 s of path, expected at least 0.3 s; {instead} for one sequence"
     options = ("--out", tmp_path / "out", "--duration", 0.22)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *options)
 
@@ -390,7 +390,7 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     for k in range(2):
         (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
         (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
-    instead = f"expected one of them: give {tmp_path / 'r' / 'clip_000'} or another of 2"
+    instead = f"a folder of 2 sequences; give a sequence, such as {tmp_path / 'r' / 'clip_000'}"
     folder, out = tmp_path / "r", tmp_path / "o"
     refused(eres, tmp_path, instead, "info", folder)
     refused(eres, tmp_path, instead, "truth", folder, "--out", out)
