@@ -67,8 +67,8 @@ class Camera:
 
     >>> from eres_render import Distortion
     >>> camera = Camera(1280, 720, math.radians(60), distortion=Distortion(k1=-0.3, k2=0.1))
-    >>> seen = camera.project([0.4, 0.0, 1.0])
-    >>> seen.round(1), camera.rays(seen).round(12)
+    >>> pixel = camera.project([0.4, 0.0, 1.0])
+    >>> pixel.round(1), camera.rays(pixel).round(12)
     (array([1063.3,  360. ]), array([0.4, 0. , 1. ]))
     """
 

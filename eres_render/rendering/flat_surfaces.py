@@ -301,11 +301,11 @@ def _neighbors(vertices: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], N
     end = np.roll(start, -1, axis=1)
     # An edge runs one way in the one triangle and back in the other, or they overlap.
     count = int(start.max()) + 1
-    there, back = (start * count + end).ravel(), (end * count + start).ravel()
-    known, first, times = np.unique(there, return_index=True, return_counts=True)
+    forth, back = (start * count + end).ravel(), (end * count + start).ravel()
+    known, first, times = np.unique(forth, return_index=True, return_counts=True)
     at = np.minimum(np.searchsorted(known, back), len(known) - 1)
-    own = np.searchsorted(known, there)
-    paired = (known[at] == back) & (times[at] == 1) & (times[own] == 1) & (there < back)
+    own = np.searchsorted(known, forth)
+    paired = (known[at] == back) & (times[at] == 1) & (times[own] == 1) & (forth < back)
     left = np.flatnonzero(paired)
     right = first[at[left]]
     return left // 3, right // 3, np.stack([left, right])

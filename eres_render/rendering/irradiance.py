@@ -328,8 +328,8 @@ def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     covered = valid
     for _ in range(_PROBES_PER_POINT):
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        seen = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
-        covered = covered & seen.is_valid() & (dr.dot(front(seen), towards) > 0)
+        hit = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
+        covered = covered & hit.is_valid() & (dr.dot(front(hit), towards) > 0)
     return valid & ~covered
 
 
@@ -362,11 +362,11 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> IrradianceOf:
     def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
         counts = _outside(glowing, point, sampler, valid)
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        seen = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
-        surface = counts & seen.is_valid()  # an emitter is black from behind
+        hit = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
+        surface = counts & hit.is_valid()  # an emitter is black from behind
         for lamp in lamps:
-            surface &= seen.shape != lamp
-        radiance = seen.emitter(glowing).eval(seen, surface)
+            surface &= hit.shape != lamp
+        radiance = hit.emitter(glowing).eval(hit, surface)
         return dr.select(surface, dr.pi * radiance[0], 0.0), counts
 
     return light

@@ -117,8 +117,8 @@ def _drop(node: Any, kind: Any, state: Any, ids: Collection[str] | None = None) 
     for key in list(node.props.keys()):
         child = node.props[key]
         if isinstance(child, mi.Properties.ResolvedReference):
-            found = state.nodes[child.index()]
-            if found.type == kind and (ids is None or found.props.id() in ids):
+            target = state.nodes[child.index()]
+            if target.type == kind and (ids is None or target.props.id() in ids):
                 del node.props[key]
 
 

@@ -160,9 +160,9 @@ class _Reader:
         if "$" in name:
             return named_in
         for folder in (*self.folders, self.top.parent):
-            if (found := folder / name).is_file():
-                self.files.append(found)
-                return found
+            if (path := folder / name).is_file():
+                self.files.append(path)
+                return path
         raise SceneError(f"{named_in}: names {name!r}, but {self.top.parent / name} is missing")
 
 

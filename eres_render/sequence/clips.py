@@ -125,10 +125,10 @@ def clips(
     Examples
     --------
     >>> from eres_render import clips, load_scene
-    >>> found = clips(load_scene("carpet"))
-    >>> len(found)
+    >>> every = clips(load_scene("carpet"))
+    >>> len(every)
     20
-    >>> found[1].t_window_start_s, found[1].t_window_end_s
+    >>> every[1].t_window_start_s, every[1].t_window_end_s
     (0.75, 0.8)
     """
     duration_s = _checked_duration_s(scene, duration_s)

@@ -290,5 +290,5 @@ def _open(
     except OSError:  # of the system
         raise
     except Exception as error:  # what a damaged file makes of the library cannot be listed
-        found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
-        raise RenderError(f"{path}: found {found}, expected {expected}") from error
+        content = f"{path.stat().st_size} bytes that OpenEXR cannot read"
+        raise RenderError(f"{path}: found {content}, expected {expected}") from error

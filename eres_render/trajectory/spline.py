@@ -35,7 +35,7 @@ class TurnsTooFarError(TrajectoryError):
 class Trajectory:
     """A twice continuously differentiable path of poses.
 
-    Rotation and position have separate splines (SO(3) x R^3): scaling the positions scales the
+    Rotation and position have separate splines (SO(3) x R^3). So scaling the positions scales the
     speed by exactly that factor, and the path of the camera center does not depend on rotations.
     Methods raise `TrajectoryError` for times off the path.
 

@@ -31,8 +31,8 @@ def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise refusal("t_s", t_s, "a row of times in seconds") from error
     if times.dtype.kind not in "iuf" or times.ndim != 1 or times.size == 0:
-        found = f"{times.dtype} of shape {times.shape}"
-        raise SensorError(f"t_s: found {found}, expected a row of times in seconds, at least one")
+        what = f"{times.dtype} of shape {times.shape}"
+        raise SensorError(f"t_s: found {what}, expected a row of times in seconds, at least one")
     times = times.astype(np.float64)
     good = np.isfinite(times)
     good[1:] &= times[1:] > times[:-1]

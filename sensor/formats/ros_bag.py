@@ -44,8 +44,8 @@ def _topics(reader: Any) -> list[Any]:
     if not with_events:
         types = {connection.msgtype for connection in reader.connections}
         hint = "; event_camera_tools (ROS) converts its packets" if _PACKETS in types else ""
-        found, expected = ", ".join(sorted(map(_named, types))), " or ".join(map(_named, TYPES))
-        raise EventFormatError(f"found messages {found or 'none'}, expected {expected}{hint}")
+        present, expected = ", ".join(sorted(map(_named, types))), " or ".join(map(_named, TYPES))
+        raise EventFormatError(f"found messages {present or 'none'}, expected {expected}{hint}")
     return sorted(with_events, key=lambda connection: connection.topic)
 
 
