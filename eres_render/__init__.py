@@ -48,9 +48,7 @@ _NAMES = {
     "trajectory.generators": "random_path waypoint_loop",
     "trajectory.spline": "Trajectory path_through",
 }
-_HOMES = {
-    name: f"eres_render.{module}" for module, names in _NAMES.items() for name in names.split()
-}
+_HOMES = {name: f"eres_render.{file}" for file, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["Camera", "Distortion", "Plane", "plane_homography"]
 __all__ += ["Renderer", "Scene", "list_scenes", "load_scene"]

@@ -33,11 +33,6 @@ def memory_bytes() -> int:
         return physical
 
 
-def _limit_bytes() -> int:
-    """Return the limit on all blocks together: address space, of which a part is touched."""
-    return min(1 << 30, max(1 << 29, memory_bytes() // 16))
-
-
 def _references(blocks: list[NDArray[np.uint8]], k: int) -> int:
     return sys.getrefcount(blocks[k])
 
@@ -97,7 +92,8 @@ class Memory:
         return block
 
 
-MEMORY = Memory(_limit_bytes())
+# The limit is on address space, of which only a part is touched.
+MEMORY = Memory(min(1 << 30, max(1 << 29, memory_bytes() // 16)))
 
 RELEASES = [MEMORY.release]
 """What `release_memory` calls."""

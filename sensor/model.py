@@ -25,11 +25,8 @@ PHOTORECEPTORS: tuple[str, ...] = get_args(Photoreceptor)
 _SIDE = 1, MAX_SIDE_PX, f"an integer in 1..{MAX_SIDE_PX}"
 _NUMBER = 0, FINITE, "a number of at least 0"
 _RATE = 0, MAX_RATE_HZ, f"Hz from 0 to {MAX_RATE_HZ:g}, one event per microsecond"
-_THRESHOLD = (
-    MIN_THRESHOLD,
-    MAX_THRESHOLD,
-    f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)",
-)
+_LOG_UNITS = f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)"
+_THRESHOLD = MIN_THRESHOLD, MAX_THRESHOLD, _LOG_UNITS
 _BOUNDS: dict[str, tuple[float, float, str]] = {
     "width": _SIDE,
     "height": _SIDE,

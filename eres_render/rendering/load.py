@@ -153,7 +153,8 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
             logger.clear_appenders()  # which closes the file
             for appender in appenders:
                 logger.add_appender(appender)
-            xml_files = _xml_files(scene)  # perhaps in another encoding; the names are in ASCII
+            # Perhaps in another encoding; the names are in ASCII.
+            xml_files = scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")
             named = "".join(xml.read_text(encoding="utf-8", errors="replace") for xml in xml_files)
             for text in _WARNING.split(file.read())[1:]:
                 unused = _ATTRIBUTE.search(text)
@@ -164,10 +165,6 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
 @functools.cache  # once per process, as a scene is loaded several times
 def _warn(file: Path, text: str) -> None:
     _log.warning("%s: Mitsuba warns: %s", file, text)
-
-
-def _xml_files(scene: Scene) -> list[Path]:
-    return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
 
 
 def _drop_color(mi_scene: mi.Scene) -> None:

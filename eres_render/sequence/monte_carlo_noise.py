@@ -269,16 +269,11 @@ def measure_noise(
 
 def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
     """Return the starts and ends of the stretches of clips that are measured."""
-    cut = [
-        (start_s, min(start_s + _MAX_STRETCH_S, clip.t_window_end_s))
-        for clip in clips
-        for start_s in _starts_s(clip)
-    ]
+    cut = []
+    for clip in clips:
+        # A last stretch of a microsecond or less is left out.
+        starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _MAX_STRETCH_S).tolist()
+        for start_s in starts_s or [clip.t_start_s]:
+            cut.append((start_s, min(start_s + _MAX_STRETCH_S, clip.t_window_end_s)))
     count = min(_STRETCHES, len(cut))
     return [cut[int((k + 0.5) * len(cut) / count)] for k in range(count)]
-
-
-def _starts_s(clip: Clip) -> list[float]:
-    """Return where stretches of a clip start; a last one of a microsecond or less is left out."""
-    starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _MAX_STRETCH_S).tolist()
-    return starts_s or [clip.t_start_s]

@@ -135,7 +135,9 @@ def completed(
         model = model if isinstance(model, SensorModel) else model(level("dark_level"))
         if model.dark_level is None:
             model = replace(model, dark_level=DARK_FRACTION * level("dark_level"))
-        if _needs_reference(model):
+        # v2e's filter needs the radiance of white.
+        limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
+        if limited and model.cutoff_reference is None:
             model = replace(model, cutoff_reference=level("cutoff_reference"))
         return model
 
@@ -148,12 +150,6 @@ def checked_white(white: float | None) -> float | None:
         return None
     expected = f"a radiance from {_MIN_WHITE:g} to {_MAX_WHITE:g}, or None"
     return real("white", white, expected, _MIN_WHITE, _MAX_WHITE)
-
-
-def _needs_reference(model: SensorModel) -> bool:
-    """Return whether the model has v2e's filter but no radiance of white."""
-    limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
-    return limited and model.cutoff_reference is None
 
 
 def _white_of(frame: NDArray[np.floating], name: str) -> float:

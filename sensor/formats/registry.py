@@ -108,7 +108,7 @@ def _faery_format(name: str, title: str, *suffixes: str) -> Format:
     return _format(faery_files, name, title, *suffixes, **functions, options=("sort",))
 
 
-_TEXT_OPTIONS = "time_unit", "sort"
+_TIMED = "time_unit", "sort"
 _FORMATS = {
     f.name: f
     for f in (
@@ -116,8 +116,8 @@ _FORMATS = {
         _raw_format(evt3.CODEC),
         _raw_format(evt2.CODEC),
         _format(npz, "npz", "numpy arrays", ".npz"),
-        _format(text, "text", "text, t x y p", ".txt", keeps_origin=False, options=_TEXT_OPTIONS),
-        _format(text, "csv", "text, t,x,y,p", ".csv", write=None, options=_TEXT_OPTIONS),
+        _format(text, "text", "text, t x y p", ".txt", keeps_origin=False, options=_TIMED),
+        _format(text, "csv", "text, t,x,y,p", ".csv", write=None, options=_TIMED),
         _faery_format("aedat4", "AEDAT 4", ".aedat4", ".aedat"),
         _format(aedat3, "aedat3", "AEDAT 3.1", options=("sort",)),
         _faery_format("dat", "Prophesee DAT", ".dat"),
