@@ -140,7 +140,7 @@ class LiveCamera:
         elif chunk.shape[1:] != self._shape:
             raise SensorError(
                 f"frame {self._frames}: found shape {chunk.shape[1:]}, expected {self._shape} like "
-                "the first"
+                "the first frame"
             )
         try:
             parts = [events for _, events in self._live.push(chunk, times_s)]

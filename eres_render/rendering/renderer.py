@@ -183,9 +183,9 @@ class Renderer:
         is_plain = camera.fx == camera.fy and camera.distortion is None
         if not is_plain and self.variant.startswith("scalar"):
             raise RenderError(
-                f"camera: found fx = {camera.fx}, fy = {camera.fy} and {camera.distortion or 'no'} "
-                f"lens, but {self.variant} renders only square pixels without a lens; install LLVM "
-                "(apt-get install libllvm19)"
+                f"camera: found fx = {camera.fx}, fy = {camera.fy}, distortion = "
+                f"{camera.distortion}, but {self.variant} renders only square pixels without a "
+                "lens; install LLVM (apt-get install libllvm19)"
             )
         self.camera, self.spp = camera, int(spp)
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed

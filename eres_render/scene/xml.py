@@ -113,7 +113,7 @@ class _Reader:
         if file.resolve() in self.open:
             raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
         if len(self.files) > _MAX_FILES:
-            raise SceneError(f"{file}: found more than {_MAX_FILES} names of files before it")
+            raise SceneError(f"{file}: the scene names more than {_MAX_FILES} files up to here")
         self.open.append(file.resolve())
         with reading(file, "XML", SceneError):
             root = _parsed(file)

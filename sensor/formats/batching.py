@@ -30,8 +30,8 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             first = part[:0].copy()  # keeps nothing alive
         if (part.width, part.height, part.model) != (first.width, first.height, first.model):
             raise EventFormatError(
-                f"part {k}: found events of {part.width}x{part.height} px and {part.model}, "
-                f"expected {first.width}x{first.height} px and {first.model}, as in part 0"
+                f"part {k}: found events of {part.width}x{part.height} px, expected "
+                f"{first.width}x{first.height} px and the same SensorModel, as in part 0"
             )
         if len(part) == 0:
             continue
