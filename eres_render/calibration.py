@@ -1,7 +1,7 @@
 """Read and write calibrated cameras: Kalibr's camchain YAML and OpenCV's YAML.
 
-Both count pixels from the center of the first one, `Camera` from its corner: a principal point in a
-file is half a pixel less than `cx` and `cy`.
+Both count pixels from the center of the first pixel, `Camera` from its corner. So a principal point
+in a file is half a pixel less than `cx` and `cy`.
 """
 
 from __future__ import annotations

@@ -431,7 +431,7 @@ class Plane:
         object.__setattr__(self, "offset_m", float(self.offset_m))
 
     def distance(self, origin: ArrayLike, direction: ArrayLike) -> Float64:
-        """Return how far rays run to the plane.
+        """Return the distance along rays to the plane.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Lens distortion as in OpenCV: three radial and two tangential terms (Brown 1966).
 
-Points are directions (x, y, 1) in the camera's axes. Without a lens they are seen at (x, y) of the
-image plane at distance 1; with one at
+Points are directions (x, y, 1) in the camera's axes. On the image plane at distance 1, a pinhole
+shows them at (x, y), and a lens at
 
     x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
     y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y,    r^2 = x^2 + y^2.

@@ -38,7 +38,9 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events of one sensor, sorted by time; simulated ones also by (y, x) within a microsecond.
+    """Events of one sensor, sorted by time.
+
+    Simulated events are also sorted by (y, x) within a microsecond.
 
     Parameters
     ----------

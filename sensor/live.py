@@ -161,7 +161,7 @@ class LiveCamera:
         Returns
         -------
         Events
-            The events in the microsecond of the last frame, and those that wait for the bus.
+            The events in the microsecond of the last frame, and the events that wait for the bus.
 
         Raises
         ------

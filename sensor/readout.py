@@ -227,23 +227,23 @@ class ReadOut:
 
 
 def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
-    """Send events over a bus: delay them, and drop those that do not fit into the FIFO.
+    """Send events over a bus, which delays them, and drop events that find the FIFO full.
 
     The result does not depend on the division of the stream into parts.
 
     Parameters
     ----------
     events
-        One stream, whole or in consecutive parts, as from `stream`. It is read during the iteration
-        over the result.
+        One stream, whole or in consecutive parts, as from `stream`. It is read while the result is
+        iterated over.
     readout
         The bus.
 
     Returns
     -------
     ReadOut
-        Iterate over it for the sent events with the times at which they left. Memory depends on
-        the size of the parts and of the FIFO only. `report` is complete after the iteration.
+        An iterable of the sent events, with the times at which they left. Memory depends only on
+        the size of the parts and of the FIFO. `report` is complete after the iteration.
 
     Raises
     ------

@@ -48,9 +48,9 @@ def simulate(
         Number of threads, 1 to 1024; None is one for each core. Results do not depend on it.
     device
         "cpu"; or "cuda" for an NVIDIA GPU, with the extra `cuda`. Frames may then also be arrays on
-        the GPU with `__cuda_array_interface__`, such as those of CuPy and PyTorch. The events are
-        those of the CPU, except that the last digit of a time may differ. Where a refractory period
-        ends, that digit may decide on an event.
+        the GPU with `__cuda_array_interface__`, such as arrays of CuPy and PyTorch. The events are
+        the same as on the CPU, except that the last digit of a time may differ. Where a refractory
+        period ends, that digit may decide on an event.
 
     Returns
     -------

@@ -139,7 +139,7 @@ class Scene:
         return Camera(width, width if height is None else height, fov_rad)
 
     def texture_files(self) -> dict[str, str]:
-        """Return the texture files by parameter of scene.xml; make those that are not cached."""
+        """Return the texture files by parameter of scene.xml; create those that are not cached."""
         return {name: str(recipe.file()) for name, recipe in self.settings.textures.items()}
 
     def objects(self, t_offset_us: int, duration_s: float) -> tuple[MovingObject, ...]:
@@ -207,19 +207,19 @@ class Scene:
         return 0.0 if path is None else path.min_clearance_m
 
     def trajectory(self, camera: Camera | None = None) -> Trajectory:
-        """Return the camera path; in a planar scene, the view stays on the square at all times.
+        """Return the camera path. In a planar scene its view is checked to stay on the square.
 
         `Renderer.trajectory` checks the distance from the surfaces of the scene.
 
         Parameters
         ----------
         camera
-            Its view is checked; by default that of the scene's square camera.
+            The camera whose view is checked; the scene's square camera by default.
 
         Raises
         ------
         TrajectoryError
-            If the path cannot be made, or neither the camera nor any object moves.
+            If the path is impossible, or neither the camera nor any object moves.
         SceneError
             If the scene has no path, or a view leaves the square.
         """

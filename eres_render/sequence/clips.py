@@ -107,8 +107,8 @@ def clips(
         Length of a warm-up, s; by default six time constants of a 50 Hz filter at twice the speed,
         `6 * 2 / (2 pi 50 Hz)`.
     anchor_s
-        Time from the anchor of a longer warm-up to the window, s; see `Clip`. After the anchor the
-        frames are those of a warm-up of this length.
+        Time from the anchor of a longer warm-up to the window, s; see `Clip`. From the anchor on,
+        frames are as with a warm-up of this length.
     samples
         Number of clips, from the start of the path; by default as many as fit.
 

@@ -78,11 +78,11 @@ class GroundTruth:
     camera
         The camera of the frames.
     distance
-        Returns the distance along rays to the first surface of what stands still.
+        Returns the distance along rays to the first surface that stands still.
     plane
-        All that stands still, in a planar scene.
+        The plane, if the scene is planar.
     objects
-        All that moves.
+        The moving objects.
 
     Examples
     --------
@@ -139,7 +139,7 @@ class GroundTruth:
         Returns
         -------
         camera
-            Its `K` is the camera matrix; its lens is that of the frames.
+            Its `K` is the camera matrix. It has the lens of the frames.
         """
         return self._camera.resized(width, height)
 
@@ -273,7 +273,7 @@ class GroundTruth:
     def homography(
         self, t_0_s: float, t_1_s: float, width: int, height: int | None = None
     ) -> Float64:
-        """Return the matrix that takes homogeneous pixels at one time to those at another.
+        """Return the matrix that takes homogeneous pixels from one time to another.
 
         Parameters
         ----------

@@ -303,7 +303,7 @@ def render_scene(
         Instead of clips, render the path up to `duration_s` into `out_dir/continuous`. Memory does
         not grow with the number of frames.
     warm_up_s
-        Length of each clip before its window, s; the default is that of `clips`.
+        Length of each clip before its window, s; by default as in `clips`.
     on_progress
         Called while light is baked, and for each rendered frame.
 

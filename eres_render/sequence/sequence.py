@@ -57,7 +57,8 @@ class Rendered:
 class RadianceSequence:
     """A complete sequence on disk; frames are read on demand.
 
-    Iterating yields the frames in order, (H, W) float32 each; all cores decode the next ones.
+    Iterating yields the frames in order, (H, W) float32 each, while all cores decode the following
+    frames.
 
     Examples
     --------
@@ -110,7 +111,7 @@ class RadianceSequence:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the window is the whole sequence, from the path's start on."""
+        """Whether the sequence starts with the path, and the window is all of it."""
         return self.manifest.t_s[0] == 0 and self.window_s == (0, self.manifest.t_s[-1])
 
     @property
@@ -120,7 +121,7 @@ class RadianceSequence:
 
     @property
     def scene_source(self) -> str:
-        """The argument with which `load_scene` finds the scene, also one inside the folder."""
+        """The argument with which `load_scene` finds the scene, also a scene in the folder."""
         inside = self.folder / self.manifest.scene_source
         return str(inside) if inside.exists() else self.manifest.scene_source
 

@@ -39,7 +39,7 @@ _RECENT = 8  # times whose poses and motions are kept
 
 
 class Path(Protocol):
-    """A camera's path, of which only the poses are needed here."""
+    """A camera's path: here only its poses are needed."""
 
     def pose(self, t_s: ArrayLike, /) -> Float64: ...
 

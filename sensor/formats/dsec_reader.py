@@ -28,7 +28,7 @@ class DsecReader:
     Raises
     ------
     EventFormatError
-        The file is damaged, has no index of milliseconds, or its size is neither stored nor given.
+        The file is damaged or has no index of milliseconds, or no size is stored or given.
     OSError
         The file cannot be read.
 

@@ -185,8 +185,8 @@ def fit_power_law(
     ------
     SensorError
         There are fewer than two sizes or blocks, the sizes are not positive or are all equal, the
-        number of weights differs from that of blocks, a value is not finite, or the mean at a size
-        is not positive.
+        numbers of weights and blocks differ, a value is not finite, or the mean at a size is not
+        positive.
 
     Examples
     --------
