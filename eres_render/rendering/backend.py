@@ -119,7 +119,7 @@ def select_variant() -> str:
 def release_render_memory() -> None:
     """Return freed memory to the system: 1 GB after a job of a study, 0.4 GB after the room.
 
-    Dr.Jit keeps freed memory for reuse, also that of scenes that no longer exist, and glibc that of
+    Dr.Jit keeps freed memory for reuse, even after scenes are gone, and glibc keeps the memory of
     threads.
     """
     import drjit as dr

@@ -39,8 +39,7 @@ class Pieces(NamedTuple):
     Attributes
     ----------
     normal, point : (G, 3) float64
-        The plane of each, m. The normal is that of its triangles, or of their shading if that
-        points the other way.
+        The plane of each, m. The normal points to the side of the shading normals.
     texel, texel_of : (G, 2), (G, 2, 3) float64
         A point X shows texel `texel + texel_of @ (X - point)`; texel centers lie at integers.
     texture : (G,) int32

@@ -62,11 +62,11 @@ def turned(high, new, wrap):
 
 @jit
 def held(time, last, low_bits, state):
-    """Return the time of an event; where the low part stepped back, that of the event before it.
+    """Return the time of an event, or of the event before it if the low part stepped back.
 
-    Some cameras write a low part that is a little smaller than the one before, without a new high
-    part. The clock then stands still until it catches up. If the high part steps back, the time is
-    returned as it is, before the last one.
+    Some cameras write a low part that is a little smaller than the last, without a new high part.
+    The clock then stands still until it catches up. If the high part steps back, the time is
+    returned as it is.
 
     Parameters
     ----------
