@@ -33,28 +33,22 @@ if TYPE_CHECKING:
 # Names are imported on first use (PEP 562), so that the command line starts without SciPy and
 # Numba.
 _NAMES = {
-    "eres_render.camera": ("Camera", "Plane", "plane_homography"),
-    "eres_render.distortion": ("Distortion",),
-    "eres_render.errors": (
-        "BackendError",
-        "RenderError",
-        "SceneError",
-        "SequenceError",
-        "TrajectoryError",
-    ),
-    "eres_render.rendering.renderer": ("Renderer",),
-    "eres_render.scene.load": ("list_scenes", "load_scene"),
-    "eres_render.scene.scene": ("Scene",),
-    "eres_render.sequence.clips": ("Clip", "clips", "continuous_stretch"),
-    "eres_render.sequence.ground_truth": ("Flow", "GroundTruth", "ground_truth"),
-    "eres_render.sequence.ground_truth_files": ("window_times", "write_truth"),
-    "eres_render.sequence.monte_carlo_noise": ("Noise", "measure_noise"),
-    "eres_render.sequence.render_clips": ("clip_in_progress", "render_clip", "render_scene"),
-    "eres_render.sequence.sequence": ("RadianceSequence", "open_sequence"),
-    "eres_render.trajectory.generators": ("random_path", "waypoint_loop"),
-    "eres_render.trajectory.spline": ("Trajectory", "path_through"),
+    "camera": "Camera Plane plane_homography",
+    "distortion": "Distortion",
+    "errors": "BackendError RenderError SceneError SequenceError TrajectoryError",
+    "rendering.renderer": "Renderer",
+    "scene.load": "list_scenes load_scene",
+    "scene.scene": "Scene",
+    "sequence.clips": "Clip clips continuous_stretch",
+    "sequence.ground_truth": "Flow GroundTruth ground_truth",
+    "sequence.ground_truth_files": "window_times write_truth",
+    "sequence.monte_carlo_noise": "Noise measure_noise",
+    "sequence.render_clips": "clip_in_progress render_clip render_scene",
+    "sequence.sequence": "RadianceSequence open_sequence",
+    "trajectory.generators": "random_path waypoint_loop",
+    "trajectory.spline": "Trajectory path_through",
 }
-_HOMES = {name: module for module, names in _NAMES.items() for name in names}
+_HOMES = {name: f"eres_render.{file}" for file, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "BackendError",
@@ -95,9 +89,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = found
-    return found
+    value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return value
 
 
 def __dir__() -> list[str]:

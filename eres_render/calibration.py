@@ -1,7 +1,7 @@
 """Read and write calibrated cameras: Kalibr's camchain YAML and OpenCV's YAML.
 
-Both count pixels from the center of the first one, `Camera` from its corner: a principal point in a
-file is half a pixel less than `cx` and `cy`.
+Both count pixels from the center of the first pixel, `Camera` from its corner. So a principal point
+in a file is half a pixel less than `cx` and `cy`.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 def read_camera(file: str | Path, name: str | None = None) -> Camera:
-    """Read a camera from a file of Kalibr or of OpenCV.
+    """Read a camera from a file of Kalibr or OpenCV.
 
     Kalibr's model must be `pinhole`, with the distortion `radtan` or `none`. OpenCV's files have
-    `camera_matrix`, `distortion_coefficients` (k1, k2, p1, p2, k3; further ones must be 0),
-    `image_width` and `image_height`; ROS's files have the same fields.
+    `camera_matrix`, `distortion_coefficients` (k1, k2, p1, p2, k3; further coefficients must be 0),
+    `image_width` and `image_height`. ROS's files have the same fields.
 
     Parameters
     ----------
     file
         The YAML file.
     name
-        Which camera of Kalibr's chain, such as "cam1"; needed if there are several.
+        The camera of Kalibr's chain, such as "cam1"; required if there are several.
 
     Returns
     -------
@@ -60,20 +60,20 @@ def read_camera(file: str | Path, name: str | None = None) -> Camera:
 def _read_camera(file: Path, name: str | None) -> Camera:
     table = _table(file)
     if "camera_matrix" in table:
-        if name is not None:
-            raise RenderError(f"{file}: found one camera without a name, expected {name!r}")
+        _check(name is None, file, "one camera without a name", repr(name))
         return _of_opencv(table, file)
     chain = [key for key in table if _KALIBR_NAME.fullmatch(str(key))]
-    if not chain:
-        raise RenderError(
-            f"{file}: found neither camera_matrix nor cam0, expected YAML of OpenCV or Kalibr"
-        )
-    if name is None and len(chain) > 1:
-        raise RenderError(f"{file}: found {', '.join(chain)}, expected the name of one of them")
+    names = ", ".join(chain) or "neither camera_matrix nor cam0"
+    _check(len(chain) > 0, file, names, "YAML of OpenCV or Kalibr")
+    _check(name is not None or len(chain) == 1, file, names, "the name of one of them")
     chosen = chain[0] if name is None else name
-    if chosen not in chain:
-        raise RenderError(f"{file}: found {', '.join(chain)}, expected {chosen!r}")
+    _check(chosen in chain, file, names, repr(chosen))
     return _of_kalibr(table[chosen], f"{file}: {chosen}")
+
+
+def _check(holds: bool, where: Path | str, found: object, expected: str) -> None:
+    if not holds:
+        raise RenderError(f"{where}: found {found}, expected {expected}")
 
 
 def write_camera(
@@ -95,17 +95,15 @@ def write_camera(
         "opencv" for the fields of OpenCV's calibration with five coefficients, or "kalibr" for a
         chain with `cam0`, which has no k3.
     overwrite
-        Whether to replace a file.
+        Whether to replace an existing file.
 
     Raises
     ------
     RenderError
-        If the kind is unknown, k3 is not 0, which Kalibr's model lacks, or the file cannot be
-        written.
+        If the kind is unknown, `kind` is "kalibr" and k3 is not 0, or the file cannot be written.
     """
     file = Path(file)
-    if kind not in ("opencv", "kalibr"):
-        raise RenderError(f"kind: found {kind!r}, expected 'opencv' or 'kalibr'")
+    _check(kind in ("opencv", "kalibr"), "kind", repr(kind), "'opencv' or 'kalibr'")
     lens = camera.distortion or Distortion()
     center = camera.cx - _FIRST_CENTER_PX, camera.cy - _FIRST_CENTER_PX
     if kind == "opencv":
@@ -118,11 +116,8 @@ def write_camera(
             f"distortion_coefficients: {_matrix(1, 5, astuple(lens))}"
         )
     else:
-        if lens.k3 != 0:
-            raise RenderError(
-                f"{file}: found k3 = {lens.k3}, expected 0 for Kalibr's radtan, which has k1, k2, "
-                "p1 and p2; write OpenCV's file"
-            )
+        expected = "0 for Kalibr's radtan, which has k1, k2, p1 and p2; write OpenCV's file"
+        _check(lens.k3 == 0, file, f"k3 = {lens.k3}", expected)
         text = (
             "cam0:\n"
             "  camera_model: pinhole\n"
@@ -140,8 +135,7 @@ class _Loader(yaml.SafeLoader):
 
 for _tag in ("opencv-matrix", "opencv-nd-matrix"):  # the other one is of vectors, since OpenCV 5
     _Loader.add_constructor(
-        f"tag:yaml.org,2002:{_tag}",
-        lambda loader, node: loader.construct_mapping(node, deep=True),
+        f"tag:yaml.org,2002:{_tag}", lambda loader, node: loader.construct_mapping(node, deep=True)
     )
 
 
@@ -150,13 +144,12 @@ def _table(file: Path) -> dict[str, Any]:
     text = re.sub(r"\A%YAML:1\.\d\s*\n", "", text)  # as OpenCV writes it, which is not YAML
     loader = _Loader(text)
     root = loader.get_single_node()
-    if _with_aliases(root, len(text)) > len(text):
-        raise RenderError("found aliases (*) of more entries than the file has bytes")
+    few = _with_aliases(root, len(text)) <= len(text)
+    _check(few, file, "aliases (*) of more entries than the file has bytes", "fewer")
     table = loader.construct_document(root) if root is not None else None
     check_nesting(table)
-    if not isinstance(table, dict):
-        raise RenderError(f"found {type(table).__name__}, expected a table of fields")
-    return table
+    _check(isinstance(table, dict), file, type(table).__name__, "a table of fields")
+    return dict(table or {})
 
 
 def _with_aliases(root: yaml.Node | None, most: int) -> int:
@@ -174,46 +167,34 @@ def _with_aliases(root: yaml.Node | None, most: int) -> int:
 
 def _of_opencv(table: dict[str, Any], file: Path) -> Camera:
     model = table.get("distortion_model", _ROS_MODELS[0])
-    if model not in _ROS_MODELS:
-        raise RenderError(
-            f"{file}: distortion_model: found {model!r}, expected {' or '.join(_ROS_MODELS)}"
-        )
-    if table.get("fisheye_model"):  # of OpenCV's own program, with the same fields
-        raise RenderError(f"{file}: fisheye_model: found 1, expected none: {_ROS_MODELS[0]}")
+    _check(model in _ROS_MODELS, f"{file}: distortion_model", repr(model), " or ".join(_ROS_MODELS))
+    # OpenCV's own program has a flag for fish-eyes beside the same fields.
+    is_fisheye = bool(table.get("fisheye_model"))
+    _check(not is_fisheye, f"{file}: fisheye_model", 1, f"none: {_ROS_MODELS[0]}")
     K = np.reshape(_matrix_of(table, "camera_matrix", (9,), file), (3, 3))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    if not np.array_equal(K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]):
-        raise RenderError(
-            f"{file}: camera_matrix: found {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], "
-            "[0, 0, 1]]"
-        )
-    found = _matrix_of(table, "distortion_coefficients", (4, 5, 8, 12, 14), file)
-    if any(found[5:]):
-        raise RenderError(
-            f"{file}: distortion_coefficients: found {found}, expected zeros after k1, k2, p1, p2 "
-            "and k3: other models are not supported"
-        )
+    expected = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    is_plain = np.array_equal(K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    _check(is_plain, f"{file}: camera_matrix", K.tolist(), expected)
+    lens = _matrix_of(table, "distortion_coefficients", (4, 5, 8, 12, 14), file)
+    expected = "zeros after k1, k2, p1, p2 and k3: other models are not supported"
+    _check(not any(lens[5:]), f"{file}: distortion_coefficients", lens, expected)
     width, height = (_side(table.get(name), name, file) for name in ("image_width", "image_height"))
-    return _camera((width, height), [fx, fy, cx, cy], Distortion(*found[:5]), file)
+    return _camera((width, height), [fx, fy, cx, cy], Distortion(*lens[:5]), file)
 
 
 def _of_kalibr(table: Any, where: str) -> Camera:
-    if not isinstance(table, dict):
-        raise RenderError(f"{where}: found {table!r}, expected a table of fields")
+    _check(isinstance(table, dict), where, repr(table), "a table of fields")
     for field, known in (("camera_model", ("pinhole",)), ("distortion_model", ("radtan", "none"))):
-        if table.get(field) not in known:
-            raise RenderError(
-                f"{where}.{field}: found {table.get(field)!r}, expected {' or '.join(known)}"
-            )
+        value = table.get(field)
+        _check(value in known, f"{where}.{field}", repr(value), " or ".join(known))
     plain = table["distortion_model"] == "none"
-    lens = _numbers(
-        table.get("distortion_coeffs"), (0, 4) if plain else (4,), f"{where}.distortion_coeffs"
-    )
-    if plain and any(lens):
-        raise RenderError(f"{where}.distortion_coeffs: found {lens}, expected none")
+    field = f"{where}.distortion_coeffs"
+    lens = _numbers(table.get("distortion_coeffs"), (0, 4) if plain else (4,), field)
+    _check(not (plain and any(lens)), field, lens, "none")
     sides = table.get("resolution")
-    if not isinstance(sides, list) or len(sides) != 2:
-        raise RenderError(f"{where}.resolution: found {sides!r}, expected width and height")
+    is_size = isinstance(sides, list) and len(sides) == 2
+    _check(is_size, f"{where}.resolution", repr(sides), "width and height")
     width, height = (_side(side, "resolution", where) for side in sides)
     pinhole = _numbers(table.get("intrinsics"), (4,), f"{where}.intrinsics")
     return _camera((width, height), pinhole, Distortion(*lens), where)
@@ -233,26 +214,24 @@ def _camera(
 def _matrix_of(
     table: dict[str, Any], field: str, counts: tuple[int, ...], file: Path
 ) -> list[float]:
-    matrix = table.get(field)
-    if not isinstance(matrix, dict):
-        raise RenderError(f"{file}: {field}: found {matrix!r}, expected a matrix with data")
+    matrix: Any = table.get(field)
+    _check(isinstance(matrix, dict), f"{file}: {field}", repr(matrix), "a matrix with data")
     return _numbers(matrix.get("data"), counts, f"{file}: {field}.data")
 
 
-def _numbers(found: Any, counts: tuple[int, ...], where: str) -> list[float]:
+def _numbers(given: Any, counts: tuple[int, ...], where: str) -> list[float]:
+    is_row = isinstance(given, list) and len(given) in counts
+    # YAML reads 1e-5, without a point, as a string.
+    values = [number(value) for value in given] if is_row else [math.nan]
     expected = f"{' or '.join(map(str, counts))} numbers"
-    if not isinstance(found, list) or len(found) not in counts:
-        raise RenderError(f"{where}: found {found!r}, expected {expected}")
-    values = [number(one) for one in found]  # YAML reads 1e-5, without a point, as a string
-    if not all(map(math.isfinite, values)):
-        raise RenderError(f"{where}: found {found!r}, expected {expected}")
+    _check(all(map(math.isfinite, values)), where, repr(given), expected)
     return values
 
 
-def _side(found: Any, field: str, where: Path | str) -> int:
-    if type(found) is not int or found < 1:
-        raise RenderError(f"{where}: {field}: found {found!r}, expected a number of pixels")
-    return found
+def _side(side: Any, field: str, where: Path | str) -> int:
+    is_side = type(side) is int and side > 0
+    _check(is_side, f"{where}: {field}", repr(side), "a number of pixels")
+    return side
 
 
 def _matrix(rows: int, columns: int, values: Iterable[float]) -> str:

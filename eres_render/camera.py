@@ -33,15 +33,15 @@ class Camera:
     width, height
         Size of the image in pixels.
     fov_rad
-        Horizontal field of view of an image of this width that is centered on the principal point,
-        `2 atan(width / (2 fx))`, without the lens's distortion. Give it or `fx`.
+        Horizontal field of view without the lens's distortion, for a centered principal point:
+        `2 atan(width / (2 fx))`. Give it or `fx`.
     fx, fy
         Focal lengths in pixels.
     cx, cy
-        Principal point in pixels; OpenCV's is half a pixel less, as it counts from the center of
+        Principal point in pixels. OpenCV's is half a pixel less, since it counts from the center of
         the first pixel.
     distortion
-        Distortion of the lens. None, and one with all coefficients 0, stand for a pinhole.
+        Distortion of the lens. None, or a distortion with all coefficients 0, is a pinhole.
 
     Raises
     ------
@@ -67,8 +67,8 @@ class Camera:
 
     >>> from eres_render import Distortion
     >>> camera = Camera(1280, 720, math.radians(60), distortion=Distortion(k1=-0.3, k2=0.1))
-    >>> seen = camera.project([0.4, 0.0, 1.0])
-    >>> seen.round(1), camera.rays(seen).round(12)
+    >>> pixel = camera.project([0.4, 0.0, 1.0])
+    >>> pixel.round(1), camera.rays(pixel).round(12)
     (array([1063.3,  360. ]), array([0.4, 0. , 1. ]))
     """
 
@@ -106,10 +106,12 @@ class Camera:
             if fx is None:
                 raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
             fov_rad = 2 * math.atan2(0.5 * width, fx)
-        if not 0 < fov_rad < math.pi:
-            raise RenderError(f"Camera.fov_rad: found {fov_rad}, expected (0, pi)")
-        if fy is not None and not 0 < 2 * math.atan2(0.5 * height, fy) < math.pi:
-            raise RenderError(f"Camera.fy: found {fy}, expected a view of (0, pi) along y")
+        views = {"fov_rad": fov_rad, "fy": 2 * math.atan2(0.5 * height, fy) if fy else fov_rad}
+        for name, view_rad in views.items():
+            if not 0 < view_rad < math.pi:
+                raise RenderError(
+                    f"Camera.{name}: found a view of {view_rad} rad, expected (0, pi)"
+                )
         fx_of_fov = 0.5 * width / math.tan(0.5 * fov_rad)
         if fx is None:
             fx = fx_of_fov
@@ -117,17 +119,12 @@ class Camera:
             raise RenderError(
                 f"Camera.fx: found {fx}, expected {fx_of_fov} for fov_rad = {fov_rad}; give one"
             )
-        values = {  # Python's numbers, for JSON
-            "width": int(width),
-            "height": int(height),
-            "fov_rad": float(fov_rad),
-            "fx": float(fx),
-            "fy": float(fx if fy is None else fy),
-            "cx": float(0.5 * width if cx is None else cx),
-            "cy": float(0.5 * height if cy is None else cy),
-            "distortion": None if distortion == Distortion() else distortion,
-        }
-        for name, value in values.items():
+        fy = fx if fy is None else fy
+        center = 0.5 * width if cx is None else cx, 0.5 * height if cy is None else cy
+        # Python's numbers, for JSON.
+        values = int(width), int(height), *map(float, (fov_rad, fx, fy, *center))
+        lens = None if distortion == Distortion() else distortion
+        for name, value in zip(Camera.__slots__, (*values, lens), strict=True):
             object.__setattr__(self, name, value)
         if self.distortion is not None:
             self._check_lens(self.distortion)
@@ -144,8 +141,8 @@ class Camera:
         worst = radius.argmax()
         fold = lens.distort(xy[worst] * (lens.reach / radius[worst])) * (self.fx, self.fy)
         raise RenderError(
-            f"Camera.distortion: found {lens}, which folds the image {np.hypot(*fold):.1f} px from "
-            "the principal point, expected one direction for each pixel, out to "
+            f"Camera.distortion: {lens} folds the image {np.hypot(*fold):.1f} px from the "
+            "principal point, but each pixel needs a direction of its own, out to "
             f"{np.hypot(*(border[worst] - (self.cx, self.cy))):.1f} px"
         )
 
@@ -183,8 +180,8 @@ class Camera:
                 "Camera.project: found a point with z <= 0, expected points in front of the camera"
             )
         if self.distortion is not None:
-            seen = self.distortion.distort(points_cam[..., :2] / points_cam[..., 2:])
-            return seen * (self.fx, self.fy) + (self.cx, self.cy)
+            xy = self.distortion.distort(points_cam[..., :2] / points_cam[..., 2:])
+            return xy * (self.fx, self.fy) + (self.cx, self.cy)
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: ArrayLike) -> Float64:
@@ -207,7 +204,7 @@ class Camera:
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
     def distort(self, pinhole_px: ArrayLike) -> Float64:
-        """Map pixels of a pinhole with the same `K` to the pixels where the lens shows the same.
+        """Map pixels of a pinhole with the same `K` to this camera's pixels of the same directions.
 
         Parameters
         ----------
@@ -226,7 +223,7 @@ class Camera:
         return self.distortion.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def undistort(self, points_px: ArrayLike) -> Float64:
-        """Map pixels to those where a pinhole with the same `K` shows the same.
+        """Map pixels to a pinhole's pixels of the same directions; it has the same `K`.
 
         Parameters
         ----------
@@ -244,7 +241,7 @@ class Camera:
         return self.rays(points_px)[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
 
     def undistorted_positions(self) -> Float64:
-        """Return a table that undistorts events: `table[y, x]` is where the pinhole shows them.
+        """Return a table that undistorts events: `table[y, x]` is their position in a pinhole.
 
         Returns
         -------
@@ -297,9 +294,9 @@ class Camera:
     def resized(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a different resolution.
 
-        By default it sees all that this camera sees, at the height that makes its pixels as square
-        as this camera's, to within rounding. With a given height it sees the largest central part
-        that has its shape, as a sensor does.
+        By default it sees all that this camera sees, and its height gives pixels of the same shape,
+        to within rounding. With a given height it sees the largest central part of that aspect
+        ratio, as a sensor does.
 
         Parameters
         ----------
@@ -328,10 +325,8 @@ class Camera:
         if height is None:
             height = max(1, round(width * self.height / self.width))
             stretch = height * self.width / (self.height * width)
-        else:
-            share = self.height * width / (self.width * height)  # of this width, if < 1
-            if share < 1:
-                fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
+        elif (share := self.height * width / (self.width * height)) < 1:  # of this width
+            fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
         fx = Camera(width, height, fov_rad).fx
         fy = fx * (self.fy / self.fx) * stretch
         return Camera(
@@ -350,8 +345,8 @@ class Camera:
         Parameters
         ----------
         times
-            New focal lengths over the old ones. From `times` the distance, a pinhole camera that
-            faces a plane sees the same at each pixel as before.
+            Factor on the focal lengths. At `times` the distance, a pinhole camera that faces a
+            plane sees the same in each pixel as before.
 
         Returns
         -------
@@ -436,7 +431,7 @@ class Plane:
         object.__setattr__(self, "offset_m", float(self.offset_m))
 
     def distance(self, origin: ArrayLike, direction: ArrayLike) -> Float64:
-        """Return how far rays run to the plane.
+        """Return the distance along rays to the plane.
 
         Parameters
         ----------
@@ -484,10 +479,7 @@ class Plane:
 
 
 def plane_homography(
-    K: Float64,
-    T_world_cam_0: Float64,
-    T_world_cam_1: Float64,
-    plane: Plane,
+    K: Float64, T_world_cam_0: Float64, T_world_cam_1: Float64, plane: Plane
 ) -> Float64:
     """Return the matrix that takes homogeneous pixels of view 0 to view 1, through a plane.
 

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 
 from eres_render.errors import RenderError
 from eres_render.storage.locks import locked
@@ -32,17 +31,16 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
         Options of `numba.njit`, in addition to a cache, no GIL and the error model of numpy.
     """
     sources = map(Path.read_bytes, sorted(folder.rglob("*.py")))
-    stamp = hashlib.sha256(b"".join(one for one in sources if b"jit" in one)).hexdigest()
+    stamp = hashlib.sha256(b"".join(text for text in sources if b"jit" in text)).hexdigest()
 
     def compiled(kernel: _Kernel) -> _Kernel:
-        found: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(kernel)
-        if isinstance(found, Dispatcher):  # not if Numba is disabled
-            kept: Any = found
-            index = kept._cache._cache_file
+        jitted: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(kernel)
+        if hasattr(jitted, "_cache"):  # not if Numba is disabled
+            index = jitted._cache._cache_file
             # Numba compares it before it unpickles types, which an edit may have renamed.
             index._version = f"{index._version} {index._source_stamp} {stamp}"
-            _compile_once(kept)
-        return found
+            _compile_once(jitted)
+        return jitted
 
     return compiled
 

@@ -1,7 +1,7 @@
 """Lens distortion as in OpenCV: three radial and two tangential terms (Brown 1966).
 
-Points are directions (x, y, 1) in the camera's axes. Without a lens they are seen at (x, y) of the
-image plane at distance 1; with one at
+Points are directions (x, y, 1) in the camera's axes. On the image plane at distance 1, a pinhole
+shows them at (x, y), and a lens at
 
     x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
     y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y,    r^2 = x^2 + y^2.
@@ -31,9 +31,9 @@ _MAX_STEPS = 200  # needed far out, where r^7 dominates; pixels of an image take
 class Distortion:
     """The distortion of a lens, by OpenCV's coefficients.
 
-    Near the axis the map from directions to the image is one to one. Far from it the polynomials
-    turn back, and far points would be seen within the image; no lens does that. Beyond `reach` the
-    offset of a point is therefore the one at `reach` in its direction from the axis.
+    Near the axis the map from directions to the image is one to one. Far from the axis the
+    polynomials turn back, and would put far points inside the image, which no lens does. Beyond
+    `reach`, a point therefore has the offset at `reach` in its direction from the axis.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Distortion:
 
     @property
     def reach(self) -> float:
-        """Radius on the image plane at distance 1 up to which the map is surely one to one.
+        """Radius on the image plane at distance 1 within which the map is certainly one to one.
 
         The Jacobian of the map is symmetric. Its eigenvalues are those of the radial terms, plus at
         least `-6 |(p1, p2)| r`; as long as both are positive, the map is the gradient of a convex
@@ -124,8 +124,8 @@ class Distortion:
         left = np.full(x.shape, np.inf)
         close = 1 + np.hypot(x, y)
         for _ in range(_MAX_STEPS):
-            there_x, there_y, xx, xy, yx, yy = _bent(try_x, try_y, self)
-            off_x, off_y = wanted_x - there_x, wanted_y - there_y
+            image_x, image_y, xx, xy, yx, yy = _bent(try_x, try_y, self)
+            off_x, off_y = wanted_x - image_x, wanted_y - image_y
             off = np.hypot(off_x, off_y)
             nearer = off < left
             x, y, left = (np.where(nearer, *pair) for pair in ((try_x, x), (try_y, y), (off, left)))
@@ -141,7 +141,8 @@ class Distortion:
             try_x, try_y = x + step_x, y + step_y
         if not np.all(left <= _CLOSE_ENOUGH * close):
             raise RenderError(
-                f"{self}: found a direction only to {np.max(left):.2g}, expected {_CLOSE_ENOUGH:g}"
+                f"{self}: the search for a direction ended {np.max(left):.2g} away, above "
+                f"{_CLOSE_ENOUGH:g}"
             )
         return np.stack([x, y], axis=-1)
 
@@ -175,8 +176,8 @@ def _reach(lens: Distortion) -> float:
     # The eigenvalues of the radial terms: d(r f)/dr along the radius and f across it.
     along = [7 * lens.k3, 0, 5 * lens.k2, 0, 3 * lens.k1, tangential, 1]
     across = [lens.k3, 0, lens.k2, 0, lens.k1, tangential, 1]
-    kept = [np.where(np.abs(one) > _MIN_COEFFICIENT, one, 0.0) for one in (along, across)]
-    roots = np.concatenate([np.roots(one) for one in kept])
+    clean = [np.where(np.abs(terms) > _MIN_COEFFICIENT, terms, 0.0) for terms in (along, across)]
+    roots = np.concatenate([np.roots(terms) for terms in clean])
     real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
     return float(real.min(initial=math.inf))
 
@@ -185,8 +186,8 @@ def _bent(x: Float64, y: Float64, lens: Distortion) -> tuple[Float64, ...]:
     """Return where a lens shows directions, and the derivatives by x and y: xx, xy, yx, yy."""
     reach = lens.reach
     if math.isinf(reach):
-        *there, xx, xy, yy = polynomials(x, y, lens)
-        return (*there, xx, xy, xy, yy)
+        image_x, image_y, xx, xy, yy = polynomials(x, y, lens)
+        return image_x, image_y, xx, xy, xy, yy
     r = np.hypot(x, y)
     beyond = r > reach
     share = np.where(beyond, reach / np.where(beyond, r, 1.0), 1.0)

@@ -1,4 +1,4 @@
-"""Errors of the render package. Each message names file, field, found and expected value."""
+"""Errors of the render package. Messages name the file and field, and the wrong value."""
 
 import difflib
 import math
@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from errno import EINVAL
 from pathlib import Path
 
-_MAX_CHARACTERS = 500  # of what a library says, which may be a part of the file
+_MAX_CHARACTERS = 500  # of a library's message, which may quote the file
 
 
 class RenderError(ValueError):
-    """Base class: a request to the renderer cannot be carried out.
+    """A request to the renderer cannot be carried out; the base class of all errors here.
 
     Examples
     --------
@@ -23,7 +23,7 @@ class RenderError(ValueError):
 
 
 class SceneError(RenderError):
-    """A scene is unknown, incomplete, or holds a value that is not possible.
+    """A scene is unknown or incomplete, or one of its values is out of range.
 
     Examples
     --------
@@ -75,31 +75,32 @@ class BackendError(RenderError):
 
 @contextmanager
 def reading(file: Path, format: str, error: type[ValueError]) -> Iterator[None]:
-    """Turn any failure to read a file into one error that starts with its name.
+    """Turn any failure to read a file into an error that starts with the file's name.
 
-    What a damaged file makes of a library cannot be listed, so nothing is.
+    Libraries raise errors of any class on damaged files, so all are caught.
     """
     try:
         yield
-    except (RenderError, error) as found:
-        named = str(found).startswith(str(file))
-        if named and isinstance(found, error):
+    except (RenderError, error) as reason:
+        named = str(reason).startswith(str(file))
+        if named and isinstance(reason, error):
             raise
-        raise error(str(found) if named else f"{file}: {found}") from found
-    except FileNotFoundError as found:
-        raise error(f"{file}: no such file") from found
-    except Exception as found:
+        raise error(str(reason) if named else f"{file}: {reason}") from reason
+    except Exception as reason:
+        text = f"could not be read as {format}: {_in_one_line(reason)}"
+        if isinstance(reason, FileNotFoundError):
+            text = "no such file"
         # A damaged offset is EINVAL; libraries that describe the content give no number.
-        if isinstance(found, OSError) and found.errno not in (None, EINVAL):
-            raise error(f"{file}: cannot be read: {found.strerror}") from found
-        raise error(f"{file}: could not be read as {format}: {_reason(found)}") from found
+        elif isinstance(reason, OSError) and reason.errno not in (None, EINVAL):
+            text = f"cannot be read: {reason.strerror}"
+        raise error(f"{file}: {text}") from reason
 
 
-def _reason(found: Exception) -> str:
-    """Return what an error says, in one line, or its name."""
-    if isinstance(found, RecursionError):
+def _in_one_line(error: Exception) -> str:
+    """Return the text of an error, or its name if it has none."""
+    if isinstance(error, RecursionError):
         return "nested too deep"
-    return " ".join(str(found).split())[:_MAX_CHARACTERS] or type(found).__name__
+    return " ".join(str(error).split())[:_MAX_CHARACTERS] or type(error).__name__
 
 
 def suggestion(name: str, known: Collection[str]) -> str:
@@ -107,20 +108,20 @@ def suggestion(name: str, known: Collection[str]) -> str:
     near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
     if not near:
         return f"choose from: {', '.join(known)}"
-    alike = [difflib.SequenceMatcher(None, one, name).ratio() for one in near]
+    alike = [difflib.SequenceMatcher(None, other, name).ratio() for other in near]
     as_near = near if alike[-1] > alike[0] - 0.05 else near[:1]
     return f"did you mean {' or '.join(map(repr, as_near))}?"
 
 
 def check_positive(
-    name: str, found: float, error: type[ValueError], expected: str = "a positive number"
+    name: str, value: float, error: type[ValueError], expected: str = "a positive number"
 ) -> None:
     """Refuse a number that is not positive and finite.
 
     Parameters
     ----------
     expected
-        What the value must be, for the error, such as a number with a unit.
+        The valid values in words, such as a number with a unit.
 
     Examples
     --------
@@ -130,8 +131,8 @@ def check_positive(
     Traceback (most recent call last):
     eres_render.errors.RenderError: step_s: found 0.0, expected a positive number
     """
-    if not 0 < found < math.inf:
-        raise error(f"{name}: found {found}, expected {expected}")
+    if not 0 < value < math.inf:
+        raise error(f"{name}: found {value}, expected {expected}")
 
 
 def check_spp(spp: int, error: type[ValueError]) -> None:

@@ -34,30 +34,18 @@ if TYPE_CHECKING:
     from sensor.simulation import simulate, simulate_bank, stream, stream_bank
 
 # Names are imported on first use (PEP 562): the command line starts without SciPy and Numba.
-_HOMES = {
-    "EventCamera": "sensor.cameras",
-    "EventError": "sensor.errors",
-    "EventFormatError": "sensor.errors",
-    "Events": "sensor.events",
-    "LiveCamera": "sensor.live",
-    "Readout": "sensor.readout",
-    "ReadoutReport": "sensor.readout",
-    "SensorError": "sensor.errors",
-    "SensorModel": "sensor.model",
-    "camera_names": "sensor.cameras",
-    "cutoff_in_light": "sensor.model",
-    "find_camera": "sensor.cameras",
-    "plain_camera": "sensor.cameras",
-    "read_camera": "sensor.cameras",
-    "read_out": "sensor.readout",
-    "release_memory": "sensor.memory",
-    "simulate": "sensor.simulation",
-    "simulate_bank": "sensor.simulation",
-    "stream": "sensor.simulation",
-    "stream_bank": "sensor.simulation",
-    "to_linear": "sensor.encoding",
-    "write_camera": "sensor.cameras",
+_NAMES = {
+    "cameras": "EventCamera camera_names find_camera plain_camera read_camera write_camera",
+    "encoding": "to_linear",
+    "errors": "EventError EventFormatError SensorError",
+    "events": "Events",
+    "live": "LiveCamera",
+    "memory": "release_memory",
+    "model": "SensorModel cutoff_in_light",
+    "readout": "Readout ReadoutReport read_out",
+    "simulation": "simulate simulate_bank stream stream_bank",
 }
+_HOMES = {name: f"sensor.{module}" for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "EventCamera",
@@ -88,9 +76,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = found
-    return found
+    value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -34,32 +34,24 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     files = sorted(file for folder in folders for file in folder.rglob("*.py"))
     sources = (source for source in map(Path.read_bytes, files) if b"jit" in source)
     stamp = hashlib.sha256(b"".join(sources)).hexdigest()
-    for_all: dict[str, Any] = {
-        "cache": True,
-        "nogil": True,
-        "error_model": "numpy",
-        "no_cfunc_wrapper": True,
-    }
+    options |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
     def compiled(kernel: _Kernel) -> _Kernel:
-        found: Any = numba.njit(**for_all, **options)(kernel)
-        if isinstance(found, Dispatcher):  # not if Numba is disabled
-            kept: Any = found
-            index = kept._cache._cache_file
+        jitted: Any = numba.njit(**options)(kernel)
+        if hasattr(jitted, "_cache"):  # not if Numba is disabled
+            index = jitted._cache._cache_file
             # Numba compares it before it unpickles types, which an edit may have renamed.
             index._version = f"{index._version} {index._source_stamp} {stamp}"
-            _compile_once(kept)
-        return found
+            _compile_once(jitted)
+        return jitted
 
     return compiled
 
 
-def is_cached(kernel: object) -> bool:
+def is_cached(kernel: Any) -> bool:
     """Return whether code of a kernel is in the cache, for arguments of any types."""
-    if not isinstance(kernel, Dispatcher):
-        return False
-    cached: Any = kernel
-    return bool(cached._cache._cache_file._load_index())
+    cache: Any = getattr(kernel, "_cache", None)
+    return isinstance(kernel, Dispatcher) and bool(cache._cache_file._load_index())
 
 
 def _compile_once(kernel: Any) -> None:

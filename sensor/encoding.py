@@ -21,8 +21,8 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     ----------
     frames
         An array of any shape, one frame or many: uint8 or uint16, where the largest number of the
-        type is white, or floats from 0 to 1. Divide data with fewer bits than their type (12 in a
-        uint16) by their own white first.
+        type is white, or floats from 0 to 1. Divide data with fewer bits than their type, such as
+        12 bits in a uint16, by their white level first.
     encoding
         Transfer function of the values:
 
@@ -93,24 +93,16 @@ def _from_rec709(v: Floats) -> Floats:
     return np.where(v < 0.081, v / 4.5, ((v + 0.099) / 1.099) ** (1 / 0.45))
 
 
-_DECODERS: dict[str, Callable[[Floats], Floats]] = {
-    "srgb": from_srgb,
-    "rec709": _from_rec709,
-    "linear": lambda v: v,
-}
-
-
 def _decoder(encoding: str) -> Callable[[Floats], Floats]:
-    expected = "'srgb', 'rec709', 'gamma:2.2' (or another positive number), or 'linear'"
-    if not isinstance(encoding, str):
-        raise refusal("encoding", encoding, expected)
-    if encoding in _DECODERS:
-        return _DECODERS[encoding]
-    kind, _, number = encoding.partition(":")
+    decoders = {"srgb": from_srgb, "rec709": _from_rec709, "linear": lambda v: v}
+    if isinstance(encoding, str) and encoding in decoders:
+        return decoders[encoding]
+    kind, _, number = str(encoding).partition(":")
     try:
         gamma = float(number)
     except ValueError:
         gamma = math.nan
     if kind != "gamma" or not 0 < gamma < math.inf:
+        expected = "'srgb', 'rec709', 'gamma:2.2' (or another positive number), or 'linear'"
         raise refusal("encoding", encoding, expected)
     return lambda v: v**gamma

@@ -7,11 +7,11 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from errno import EINVAL
 
-_MAX_CHARACTERS = 500  # of what a library says, which may be a part of the file
+_MAX_CHARACTERS = 500  # of a library's message, which may quote the file
 
 
 class SensorError(ValueError):
-    """Frames, times or a sensor model cannot be simulated; the text says why.
+    """Frames, times or a sensor model cannot be simulated.
 
     Examples
     --------
@@ -23,7 +23,7 @@ class SensorError(ValueError):
 
 
 class EventError(ValueError):
-    """Arrays are not a valid event stream; the text names the field.
+    """Arrays are not a valid event stream; the message names the field.
 
     Examples
     --------
@@ -39,7 +39,7 @@ class EventError(ValueError):
 
 
 class EventFormatError(EventError):
-    """An event file is damaged or cannot store the events; the text names file and place.
+    """An event file is damaged or cannot store the events; the message names the file and place.
 
     Examples
     --------
@@ -58,10 +58,10 @@ class EventFormatError(EventError):
 def reading(
     place: object, format: str = "", error: type[ValueError] = EventFormatError
 ) -> Iterator[None]:
-    """Turn any failure to read a file into one error that starts with its name.
+    """Turn any failure to read a file into an error that starts with the file's name.
 
-    What a damaged file makes of a library cannot be listed, so nothing is. Errors of the system,
-    such as a file that is missing, stay as they are, with the name of the file.
+    Libraries raise errors of any class on damaged files, so all are caught. System errors, such as
+    a missing file, keep their class and get the file's name.
 
     Parameters
     ----------
@@ -70,23 +70,23 @@ def reading(
     """
     try:
         yield
-    except (EventError, SensorError) as found:  # which say what is wrong
-        raise error(f"{place}: {found}") from found
-    except Exception as found:
+    except (EventError, SensorError) as reason:  # which say what is wrong
+        raise error(f"{place}: {reason}") from reason
+    except Exception as reason:
         # A damaged offset is EINVAL; libraries that describe the content give no number.
-        if isinstance(found, OSError) and found.errno not in (None, EINVAL):
-            if not format or found.filename is not None:
+        if isinstance(reason, OSError) and reason.errno not in (None, EINVAL):
+            if not format or reason.filename is not None:
                 raise
-            raise OSError(found.errno, found.strerror, str(place)) from found
+            raise OSError(reason.errno, reason.strerror, str(place)) from reason
         what = f"could not be read as {format}: " if format else ""
-        raise error(f"{place}: {what}{_reason(found)}") from found
+        raise error(f"{place}: {what}{_in_one_line(reason)}") from reason
 
 
-def _reason(found: Exception) -> str:
-    """Return what an error says, in one line, or its name."""
-    if isinstance(found, RecursionError):
+def _in_one_line(error: Exception) -> str:
+    """Return the text of an error, or its name if it has none."""
+    if isinstance(error, RecursionError):
         return "nested too deep"
-    return " ".join(str(found).split())[:_MAX_CHARACTERS] or type(found).__name__
+    return " ".join(str(error).split())[:_MAX_CHARACTERS] or type(error).__name__
 
 
 def suggestion(name: str, names: Collection[str], others: str = "") -> str:

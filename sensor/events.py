@@ -38,7 +38,9 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events of one sensor, sorted by time; simulated ones also by (y, x) within a microsecond.
+    """Events of one sensor, sorted by time.
+
+    Simulated events are also sorted by (y, x) within a microsecond.
 
     Parameters
     ----------
@@ -51,12 +53,12 @@ class Events:
     width, height
         The sensor's size in pixels.
     model
-        The model that fired the events, with the dark level that was used; None for recordings.
+        The simulated sensor, with the dark level that was used; None for recordings.
 
     Raises
     ------
     EventError
-        A field has the wrong dtype, shape, range or order; the text names it.
+        A field has the wrong dtype, shape, range or order; the message names it.
 
     Examples
     --------
@@ -90,15 +92,12 @@ class Events:
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
             array = getattr(self, name)
-            if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
-                found = f"{getattr(array, 'dtype', type(array).__name__)}"
+            is_row = isinstance(array, np.ndarray) and array.ndim == 1
+            if not is_row or array.dtype != dtype or len(array) != len(self.t_us):
+                kind = getattr(array, "dtype", type(array).__name__)
                 raise EventError(
-                    f"Events.{name}: found {found} of shape {np.shape(array)}, "
-                    f"expected a 1-D array of {np.dtype(dtype)}"
-                )
-            if len(array) != len(self.t_us):
-                raise EventError(
-                    f"Events.{name}: found {len(array)} entries, expected {len(self.t_us)}"
+                    f"Events.{name}: found {kind} of shape {np.shape(array)}, expected a 1-D array "
+                    f"of {np.dtype(dtype)}, as long as t_us"
                 )
         for name in ("width", "height"):
             side = getattr(self, name)
@@ -109,8 +108,8 @@ class Events:
         backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
         if backwards.size:
             raise EventError(
-                f"Events.t_us: event {backwards[0] + 1} is earlier than the one before it; "
-                "expected times in ascending order"
+                f"Events.t_us: event {backwards[0] + 1} is earlier than the event before it; sort "
+                "the events by time"
             )
         for name, size in (("x", self.width), ("y", self.height)):
             largest = int(getattr(self, name).max())
@@ -155,9 +154,8 @@ class Events:
         Events
         """
         events = object.__new__(cls)
-        columns = {"t_us": t_us, "x": x, "y": y, "p": p}
-        rest = {"width": like.width, "height": like.height, "model": like.model}
-        for name, value in (columns | rest).items():
+        values = t_us, x, y, p, like.width, like.height, like.model
+        for name, value in zip(cls.__slots__, values, strict=True):
             object.__setattr__(events, name, value)
         return events
 
@@ -169,9 +167,8 @@ class Events:
     def __getitem__(self, part: slice) -> Events:
         """Return a contiguous part of the stream, as views of the same memory."""
         if not isinstance(part, slice) or part.step not in (None, 1):
-            found = type(part).__name__ if not isinstance(part, slice) else f"{part}"
             raise TypeError(
-                f"Events: found the index {found}, expected a slice of step 1; "
+                f"Events: found the index {part!r:.60}, expected a slice of step 1; "
                 "`events.where(mask)` selects any events, and the columns are `events.t_us`, "
                 "`events.x`, `events.y` and `events.p`"
             )
@@ -213,14 +210,13 @@ class Events:
         Raises
         ------
         EventError
-            The mask is not one of bools, such as indices, or has another length.
+            The mask has another type than bool, such as indices, or another length.
         """
         mask = np.asarray(keep)
-        if mask.dtype != np.bool_:
-            raise EventError(f"Events.where: found {mask.dtype}, expected a mask of bools")
-        if mask.shape != (len(self),):
+        if mask.dtype != np.bool_ or mask.shape != (len(self),):
             raise EventError(
-                f"Events.where: found a mask of shape {mask.shape}, expected ({len(self)},)"
+                f"Events.where: found {mask.dtype} of shape {mask.shape}, expected a mask of bools "
+                f"of shape ({len(self)},)"
             )
         # An unpredictable mask costs numpy a branch per event and column, indices cost none.
         chosen = np.flatnonzero(mask)
@@ -256,7 +252,7 @@ class Events:
         width, height
             Size of the sensor, px.
         model
-            The sensor that fired the events, if known.
+            The simulated sensor, if there is one.
 
         Returns
         -------
@@ -271,22 +267,15 @@ class Events:
             raise EventError(
                 f"Events.from_structured: found fields {array.dtype.names}, expected x, y, t and p"
             )
-        if array["t"].dtype.kind not in "iu":
-            raise EventError(
-                f"Events.from_structured: found t of {array['t'].dtype}, expected integers, us"
-            )
-        if len(array) and int(array["t"].max()) > _LAST_US:
-            raise EventError(
-                f"Events.from_structured: found t = {array['t'].max()}, expected what int64 holds"
-            )
-        for name in ("x", "y"):
-            if array[name].dtype.kind not in "iu":
+        bounds = {"t": (_FIRST_US, _LAST_US), "x": (0, 2**16 - 1), "y": (0, 2**16 - 1)}
+        for name, (low, high) in bounds.items():
+            column = array[name]
+            values = (column.min(), column.max()) if len(column) else ()
+            if column.dtype.kind not in "iu" or any(not low <= int(v) <= high for v in values):
                 raise EventError(
-                    f"Events.from_structured: found {name} of {array[name].dtype}, expected pixels"
+                    f"Events.from_structured: found {name} of {column.dtype} with values "
+                    f"{' to '.join(map(str, values))}, expected integers from {low} to {high}"
                 )
-            if len(array) and not 0 <= array[name].min() <= array[name].max() < 2**16:
-                found = f"{array[name].min()} to {array[name].max()}"
-                raise EventError(f"Events.from_structured: found {name} = {found}, expected pixels")
         x, y = (array[name].astype(np.uint16) for name in ("x", "y"))
         p = np.where(array["p"] > 0, 1, -1).astype(np.int8)
         return cls(array["t"].astype(np.int64), x, y, p, width, height, model)
@@ -302,7 +291,7 @@ class Events:
         if max(self.width, self.height) > 2**15:
             raise EventError(
                 f"Events.to_structured: found {self.width}x{self.height} px, expected at most "
-                f"{2**15} px, which int16 holds"
+                f"{2**15} px a side, the range of int16"
             )
         array = np.empty(len(self), _STRUCTURED)
         array["x"], array["y"], array["t"], array["p"] = self.x, self.y, self.t_us, self.p > 0
@@ -316,13 +305,7 @@ class Events:
 
 
 def whole_us(function: str, name: str, t_us: object) -> int:
-    """Return a time as a Python integer.
-
-    Parameters
-    ----------
-    t_us
-        The time, microseconds.
-    """
+    """Return a time in microseconds as a Python integer."""
     if not isinstance(t_us, int | np.integer):
         raise EventError(
             f"{function}: found {name} = {t_us!r}, expected whole microseconds as an integer: "
@@ -332,38 +315,20 @@ def whole_us(function: str, name: str, t_us: object) -> int:
 
 
 def shifted(t_us: NDArray[np.int64], shift_us: int, function: str) -> NDArray[np.int64]:
-    """Return ascending times with a shift added.
-
-    Parameters
-    ----------
-    t_us
-        (N,) the times.
-    shift_us
-        The shift, whole microseconds.
-
-    Returns
-    -------
-    (N,) int64
-    """
+    """Return ascending times with a shift added, (N,) int64 us."""
     shift = whole_us(function, "shift_us", shift_us)
     if not len(t_us):
         return t_us.copy()
     if not _FIRST_US <= shift + int(t_us[0]) <= shift + int(t_us[-1]) <= _LAST_US:
         raise EventError(
             f"{function}: found shift_us = {shift} and times from {t_us[0]} to {t_us[-1]}, "
-            "expected sums that int64 holds"
+            "expected sums within int64"
         )
     return t_us + shift
 
 
 def no_events(width: int, height: int, model: SensorModel | None) -> Events:
-    """Return an empty stream.
-
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    """
+    """Return an empty stream of a sensor of this size, px."""
     return Events(*Columns.room(0), width, height, model)
 
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 @contextmanager
 def locked(path: str | Path) -> Iterator[None]:
-    """Hold the lock of a file, which is made if necessary; it ends with the process.
+    """Hold the lock of a file, which is created if necessary. The lock ends with the process.
 
-    It has no effect where there are no such locks: in some folders, and on Windows.
+    It has no effect on file systems without locks, and on Windows.
     """
-    with ExitStack() as held:
+    with ExitStack() as stack:
         with suppress(OSError, ImportError):
             import fcntl
 
-            file = held.enter_context(open(path, "ab"))
+            file = stack.enter_context(open(path, "ab"))
             fcntl.flock(file, fcntl.LOCK_EX)
         yield

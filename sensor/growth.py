@@ -9,9 +9,9 @@ _FREE_BYTES = 1 << 28
 
 
 def check_growth(declared_bytes: int, stored_bytes: int) -> None:
-    """Refuse data of far more bytes than are stored of it, as no recording can be compressed."""
+    """Refuse data that declares far more bytes than any compressed recording stores."""
     if declared_bytes > _FREE_BYTES + _MAX_GROWTH * stored_bytes:
         raise EventFormatError(
-            f"found {declared_bytes} bytes declared, but {stored_bytes} stored, expected at most "
-            f"{_MAX_GROWTH} for each"
+            f"the file declares {declared_bytes} bytes but stores {stored_bytes}, a factor above "
+            f"{_MAX_GROWTH}; it is damaged"
         )

@@ -7,25 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sensor.engine.arguments import (
-    Lit,
-    check_fit,
-    check_memory,
-    checked_models,
-    checked_seed,
-    checked_threads,
-    checked_white,
-    completed,
-)
+from sensor.engine import arguments, frames
 from sensor.engine.devices import device_called
-from sensor.engine.frames import (
-    check_spans,
-    checked_times,
-    refuse_bad_radiance,
-    warn_of_long_intervals,
-    warn_of_whole_numbers,
-    whole_microseconds,
-)
 from sensor.engine.live import Live
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate, no_events
@@ -34,10 +17,10 @@ from sensor.readout import Readout, ReadoutReport, Sender
 
 
 class LiveCamera:
-    """A sensor in a loop: push a frame, get the events since the one before.
+    """A sensor in a loop: push a frame, get the events since the last frame.
 
-    All events together are those of `simulate`, then of `read_out`, to the bit, for any number of
-    frames in a push and any number of threads. Memory does not grow with the number of frames.
+    However the frames are divided into pushes, the events are those of `simulate`, followed by
+    `read_out` if there is a bus, to the bit. Memory does not grow with the number of frames.
 
     Use it in a `with` statement, which ends its threads.
 
@@ -49,10 +32,10 @@ class LiveCamera:
     seed
         Seed of all random parts of the model, 0 to 2^63 - 1.
     readout
-        The bus; None: events leave at once.
+        The bus; with None, events leave at once.
     white
-        Radiance of white, from which a `dark_level` of None, and with "v2e" a `cutoff_reference` of
-        None, are taken; None is the 99.9th percentile of the first frame.
+        Radiance of white, for models without a `dark_level`, or with "v2e" and without a
+        `cutoff_reference`. None is the 99.9th percentile of the first frame.
     threads
         Number of threads, 1 to 1024; None is one for each core.
     device
@@ -61,7 +44,7 @@ class LiveCamera:
     Attributes
     ----------
     model
-        The sensor, after the first push with the dark level and cutoff reference that are used.
+        The sensor. After the first push it has the dark level and the cutoff reference in use.
 
     Raises
     ------
@@ -92,7 +75,7 @@ class LiveCamera:
 
     def __init__(
         self,
-        model: Lit,
+        model: arguments.Lit,
         *,
         seed: int = 0,
         readout: Readout | None = None,
@@ -100,15 +83,15 @@ class LiveCamera:
         threads: int | None = None,
         device: str = "cpu",
     ) -> None:
-        self._white = checked_white(white)
+        self._white = arguments.checked_white(white)
         self._given = model
-        (self.model,) = checked_models([model], self._white or 1.0)
-        self._seed = checked_seed(seed)
+        (self.model,) = arguments.checked_models([model], self._white or 1.0)
+        self._seed = arguments.checked_seed(seed)
         if not isinstance(readout, Readout | None):
             raise refusal("readout", readout, "a sensor.Readout, or None")
         self._sender = None if readout is None else Sender(readout)
-        self._device = device_called(device, checked_threads(threads))
-        check_memory([self.model], [0])
+        self._device = device_called(device, arguments.checked_threads(threads))
+        arguments.check_memory([self.model], [0])
         self._shape: tuple[int, ...] = ()  # of the frames, after the first
         self._frames = 0  # so far
         self._last_s = np.empty(0)  # time of the last of them
@@ -124,40 +107,40 @@ class LiveCamera:
     def push(self, frame: NDArray[np.floating], t_s: ArrayLike) -> Events:
         """Simulate the next frame, or a few frames.
 
-        The first frame starts the pixels, and has no events.
+        The first frame starts the pixels and causes no events.
 
         Parameters
         ----------
         frame
-            (H, W) linear radiance, float32 or float64, as for `simulate`, or (F, H, W). It is not
-            needed after the call, so its memory may be used again.
+            (H, W) or (F, H, W) linear radiance, float32 or float64, as for `simulate`. Its memory
+            may be reused after the call.
         t_s
-            Its time in seconds, or (F,) times, after those of earlier frames.
+            Its time in seconds, or (F,) times, all later than earlier frames.
 
         Returns
         -------
         Events
-            The next events, sorted by time, ties by (y, x): those that fire before the microsecond
-            of the last frame, later by the latency. With a bus, those that have left it by then.
+            The events before the microsecond of the last frame, sorted by time, ties by (y, x).
+            `latency_s` shifts this limit. With a bus, the events that have left it by then.
 
         Raises
         ------
         SensorError
             Frames differ in size from the first or do not fit the sensor, radiance is invalid,
-            times do not increase, there is no light for the level of white, or the camera has
-            ended; the text names the frame and the value. Where radiance is invalid after the first
-            frame, the camera ends.
+            times do not increase, the first frame is too dark to take white from, or the camera has
+            ended. The message names the frame and the value. Invalid radiance after the first frame
+            ends the camera.
         """
         self._check_open("push")
-        frames = frame if hasattr(frame, "ndim") else np.asarray(frame)
-        chunk = self._device.frames(frames[None] if frames.ndim == 2 else frames, self._frames)
+        given = frame if hasattr(frame, "ndim") else np.asarray(frame)
+        chunk = self._device.frames(given[None] if given.ndim == 2 else given, self._frames)
         times_s = self._next_times(t_s, len(chunk))
         if self._live is None:
             self._live = self._started(chunk[0])
         elif chunk.shape[1:] != self._shape:
             raise SensorError(
                 f"frame {self._frames}: found shape {chunk.shape[1:]}, expected {self._shape} like "
-                "the first"
+                "the first frame"
             )
         try:
             parts = [events for _, events in self._live.push(chunk, times_s)]
@@ -169,8 +152,8 @@ class LiveCamera:
         events = self._joined(parts)
         if self._sender is None:
             return events
-        latency_us = round(self.model.latency_s * 1e6)
-        return self._sender.push(events, int(whole_microseconds(self._last_s)[0][0]) + latency_us)
+        last_us = int(frames.whole_microseconds(self._last_s)[0][0])
+        return self._sender.push(events, last_us + round(self.model.latency_s * 1e6))
 
     def finish(self) -> Events:
         """Return the remaining events, and end the camera.
@@ -178,7 +161,7 @@ class LiveCamera:
         Returns
         -------
         Events
-            Those in the microsecond of the last frame; with a bus also those that wait.
+            The events in the microsecond of the last frame, and the events that wait for the bus.
 
         Raises
         ------
@@ -202,8 +185,8 @@ class LiveCamera:
     def _check_open(self, name: str) -> None:
         if self._ended:
             raise SensorError(
-                f"LiveCamera.{name}: found a camera that has ended, after {self._frames} frames, "
-                "by `finish`, the end of `with` or an error; expected a new one"
+                f"LiveCamera.{name}: this camera has ended, after {self._frames} frames, by "
+                "`finish`, the end of `with` or an error; make a new camera"
             )
 
     def _end(self) -> None:
@@ -212,26 +195,23 @@ class LiveCamera:
             self._live.close()
 
     def _next_times(self, t_s: ArrayLike, count: int) -> NDArray[np.float64]:
-        """Return the times of the next frames, checked with that of the last one."""
+        """Return the times of the next frames, checked against the last time."""
         before = len(self._last_s)
-        times_s = checked_times(np.append(self._last_s, t_s), self._frames - before)
+        times_s = frames.checked_times(np.append(self._last_s, t_s), self._frames - before)
         if len(times_s) - before != count:
-            raise SensorError(
-                f"t_s: found {len(times_s) - before} times for {count} frames, expected one for "
-                "each frame"
-            )
-        check_spans(times_s, 1.0, self._frames - before)
+            raise SensorError(f"t_s: found {len(times_s) - before} times for {count} frames")
+        frames.check_spans(times_s, 1.0, self._frames - before)
         if self._frames < 2:  # the first interval
-            warn_of_long_intervals(times_s)
+            frames.warn_of_long_intervals(times_s)
         return times_s[before:]
 
     def _started(self, first: NDArray[np.floating]) -> Live:
-        """Return the pixels for a first frame (H, W), and complete the model."""
+        """Start the pixels at a first frame (H, W), and complete the model."""
         first = first.copy_to_host() if hasattr(first, "copy_to_host") else first
-        check_fit(self.model, *first.shape)
-        refuse_bad_radiance(first[None], 0)
-        warn_of_whole_numbers(first)
-        (self.model,) = completed([self._given], first, self._white)
+        arguments.check_fit(self.model, *first.shape)
+        frames.refuse_bad_radiance(first[None], 0)
+        frames.warn_of_whole_numbers(first)
+        (self.model,) = arguments.completed([self._given], first, self._white)
         self._shape = first.shape
         return Live([self.model], [1.0], [0], self._seed, self._device, first.size)
 

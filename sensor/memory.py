@@ -33,11 +33,6 @@ def memory_bytes() -> int:
         return physical
 
 
-def _limit_bytes() -> int:
-    """Return the limit on all blocks together: address space, of which a part is touched."""
-    return min(1 << 30, max(1 << 29, memory_bytes() // 16))
-
-
 def _references(blocks: list[NDArray[np.uint8]], k: int) -> int:
     return sys.getrefcount(blocks[k])
 
@@ -90,24 +85,25 @@ class Memory:
             if block.size > _MAX_SHARE * self._limit:
                 return block
             # Results that the caller keeps are forgotten too, or they would fill the limit.
-            sizes = np.cumsum([0, *(kept.size for kept in self._blocks)])
+            sizes = np.cumsum([0, *(old.size for old in self._blocks)])
             excess = block.size + sizes[-1] - self._limit
             del self._blocks[: np.searchsorted(sizes, excess)]
         self._blocks.append(block)
         return block
 
 
-MEMORY = Memory(_limit_bytes())
+# The limit is on address space, of which only a part is touched.
+MEMORY = Memory(min(1 << 30, max(1 << 29, memory_bytes() // 16)))
 
 RELEASES = [MEMORY.release]
 """What `release_memory` calls."""
 
 
 def release_memory() -> None:
-    """Give the memory that simulations keep for later ones back.
+    """Free the memory that simulations keep for later simulations.
 
-    It is at most a 16th of the machine's memory, but 512 MiB to 1 GiB; after simulations on a GPU
-    also what these keep there, and at most 1 GiB of page-locked memory.
+    That is at most a 16th of the machine's memory, limited to between 512 MiB and 1 GiB. After
+    simulations on a GPU it is also their memory there, and at most 1 GiB of page-locked memory.
 
     Examples
     --------

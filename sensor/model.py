@@ -3,23 +3,54 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
-from sensor.numbers import real, refusal, whole
+from sensor.numbers import FINITE, POSITIVE, real, refusal, whole
 
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
 MAX_TIME_S = 9.2e12  # 2^63 us, nearly
 MIN_THRESHOLD, MAX_THRESHOLD = 1e-9, 1e6  # a double resolves far smaller steps
 MIN_FILL_FACTOR = 1e-6
+_MIN_DARK = 1e-300
 _CUTOFF_HZ_PER_LUX = 3.0
 
 Photoreceptor = Literal["two_pole", "one_pole", "v2e"]
 PHOTORECEPTORS: tuple[str, ...] = get_args(Photoreceptor)
+
+# Smallest and largest value of each number, and both in words.
+_SIDE = 1, MAX_SIDE_PX, f"an integer in 1..{MAX_SIDE_PX}"
+_NUMBER = 0, FINITE, "a number of at least 0"
+_RATE = 0, MAX_RATE_HZ, f"Hz from 0 to {MAX_RATE_HZ:g}, one event per microsecond"
+_LOG_UNITS = f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)"
+_THRESHOLD = MIN_THRESHOLD, MAX_THRESHOLD, _LOG_UNITS
+_BOUNDS: dict[str, tuple[float, float, str]] = {
+    "width": _SIDE,
+    "height": _SIDE,
+    "contrast_threshold": _THRESHOLD,
+    "contrast_threshold_off": _THRESHOLD,
+    "cutoff_hz": (POSITIVE, math.inf, "a positive number of Hz, or inf for an ideal pixel"),
+    "dark_level": (0, 1e300, f"0, or a radiance from {_MIN_DARK:g} to 1e300, or None"),
+    "cutoff_reference": (POSITIVE, FINITE, "a positive radiance with a finite cutoff_hz, or None"),
+    "fill_factor": (MIN_FILL_FACTOR, 1, f"a share from {MIN_FILL_FACTOR:g} to 1"),
+    "threshold_mismatch": _NUMBER,
+    "leak_hz": _RATE,
+    "shot_noise_hz": _RATE,
+    "shot_noise_exponent": _NUMBER,
+    "hot_pixel_fraction": (0, 1, "a share in [0, 1]"),
+    "hot_pixel_hz": _RATE,
+    "refractory_s": (0, MAX_TIME_S, f"seconds from 0 to {MAX_TIME_S:g}"),
+    "latency_s": (0, 1000, "seconds from 0 to 1000"),
+}
+_OPTIONAL = "contrast_threshold_off", "dark_level", "cutoff_reference"
+_EXPECTED = {name: expected for name, (_, _, expected) in _BOUNDS.items()} | {
+    "photoreceptor": " or ".join(map(repr, PHOTORECEPTORS)),
+    "shot_noise_hz": "0 where dark_level is 0, which the rate in light is relative to",
+    "random_start": "True or False",
+}
 
 
 def cutoff_in_light(illuminance_lux: float) -> float:
@@ -27,13 +58,13 @@ def cutoff_in_light(illuminance_lux: float) -> float:
 
     Bandwidth is proportional to photocurrent. A DVS128 has 3 kHz at 1 klux (Lichtsteiner, Posch and
     Delbruck 2008), used here as the corner of each pole. So 67 lux give 200 Hz, the paper's
-    daytime, and 17 lux 50 Hz, its nighttime; both are usual indoor light. With `cutoff_reference`
-    at the radiance of white, darker surfaces have a proportionally lower cutoff.
+    daytime, and 17 lux give 50 Hz, its nighttime; both are usual indoor light. If
+    `cutoff_reference` is the radiance of white, darker surfaces have a proportionally lower cutoff.
 
     Raises
     ------
     SensorError
-        The illuminance is not a positive number.
+        The illuminance is not a finite positive number.
 
     Examples
     --------
@@ -43,10 +74,8 @@ def cutoff_in_light(illuminance_lux: float) -> float:
     >>> SensorModel(width=346, height=260, cutoff_hz=cutoff_in_light(17)).cutoff_hz
     51.0
     """
-    lux = real("illuminance_lux", illuminance_lux, "a positive number")
-    if not 0 < lux < math.inf:
-        raise refusal("illuminance_lux", illuminance_lux, "a positive number")
-    return _CUTOFF_HZ_PER_LUX * lux
+    expected = "a positive number"
+    return _CUTOFF_HZ_PER_LUX * real("illuminance_lux", illuminance_lux, expected, POSITIVE, FINITE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,9 +85,9 @@ class SensorModel:
     Parameters
     ----------
     width, height
-        Size in pixels. The field of view is always that of the frames, so a finer sensor has
-        smaller pixels, not a wider view. Pixels are square: frames must have the aspect ratio of
-        the sensor, to less than one pixel (346x259 and 346x260 both fit 1280x960).
+        Size in pixels. The sensor always sees the whole frame, so a finer sensor has smaller
+        pixels, not a wider view. Pixels are square: frames must have the aspect ratio of the
+        sensor, to less than one pixel (346x259 and 346x260 both fit 1280x960).
     contrast_threshold
         C of Eq. (1), in units of log intensity. The paper uses 0.2.
     contrast_threshold_off
@@ -72,15 +101,15 @@ class SensorModel:
         white level, the 99.9th percentile of the first frame; 0 is allowed if every pixel of every
         frame is positive.
     random_start
-        Start the memory of each pixel at a random, uniform offset in (-C, C) from the first frame,
-        with the thresholds of that pixel, as if the sensor had been running in changing light. If
-        False, all memories start exactly at the first frame.
+        Start the memory of each pixel at a random offset from the first frame, uniform between the
+        pixel's own thresholds, as if the sensor had been running in changing light. If False, all
+        memories start exactly at the first frame.
     photoreceptor
         "two_pole", two equal poles in series; "one_pole"; or "v2e", v2e's limit for small steps:
-        the filter of v2e since March 2021 (Hu, Liu and Delbruck 2021), one pole with the cutoff
-        `cutoff_hz` (v + 20) / 275, where v is the light on a scale with white at 255, but solved
-        exactly, not by v2e's one step per frame. Between two frames the cutoff is constant, that of
-        the mean of their log intensities.
+        the filter of v2e since March 2021 (Hu, Liu and Delbruck 2021). It is one pole with the
+        cutoff `cutoff_hz` (v + 20) / 275, where v is the light on a scale with white at 255. It is
+        solved exactly, while v2e takes one step per frame. Between two frames the cutoff is
+        constant: its value at the mean of their log intensities.
     cutoff_reference
         The I + I_dark at which the cutoff is `cutoff_hz`; the cutoff is proportional to it, since
         bandwidth is proportional to photocurrent (Lichtsteiner et al. 2008). None: the cutoff does
@@ -96,11 +125,10 @@ class SensorModel:
         C / 10.
     leak_hz
         Rate of ON events of a pixel in constant light, due to junction leakage in its reset switch
-        (Nozaki and Delbruck 2017; 0.1 Hz is usual). It is that of the threshold C: with mismatch a
-        pixel of threshold C_i leaks at C / C_i times this rate, 2 % more in the mean at usual
-        values. In light that is constant from the first frame on, the first event comes after
-        1 / leak_hz, 10 s at 0.1 Hz, in all pixels at once; with `random_start` events come at half
-        the rate until then.
+        (Nozaki and Delbruck 2017; 0.1 Hz is usual). Defined at the nominal C: with mismatch, a
+        pixel with threshold C_i leaks at C / C_i times this rate, about 2 % more on average at
+        usual values. In light that is constant from the first frame on, all pixels fire first after
+        1 / leak_hz, 10 s at 0.1 Hz. With `random_start`, events come at half the rate until then.
     shot_noise_hz
         Rate of noise events of a pixel in the dark, ON and OFF together, a Poisson process. The
         rate in light is lower by the factor ((I + I_dark) / I_dark) ** -shot_noise_exponent.
@@ -109,16 +137,16 @@ class SensorModel:
     hot_pixel_fraction, hot_pixel_hz
         Share of hot pixels, and the rate of noise events of each, which does not depend on light.
     refractory_s
-        Time after an event in which further events of the pixel are lost. Its memory changes by C
-        all the same, as if the event had been reported.
+        Time after an event in which further events of the pixel are lost. The memory still changes
+        by C, as if the event had been reported.
     latency_s
-        Delay from the crossing of a threshold to the time of the event, the same for all events;
-        the delay of the photoreceptor comes before it.
+        Delay from the crossing of a threshold to the time of the event, the same for all events. It
+        adds to the delay of the photoreceptor.
 
     Raises
     ------
     SensorError
-        A parameter is outside its range, or not a number; the text names it.
+        A parameter is out of range or not a number; the message names it.
 
     Examples
     --------
@@ -152,74 +180,23 @@ class SensorModel:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        def check(name: str, holds: bool, expected: str) -> None:
+        for name, (low, high, expected) in _BOUNDS.items():
+            value = getattr(self, name)
+            if value is not None or name not in _OPTIONAL:
+                check = whole if name in ("width", "height") else real
+                number = check(f"SensorModel.{name}", value, expected, low, high)
+                object.__setattr__(self, name, number)  # a Python number, for JSON
+        dark, is_filtered = self.dark_level, self.cutoff_hz < math.inf
+        rules = {
+            "photoreceptor": self.photoreceptor in PHOTORECEPTORS,
+            "dark_level": dark is None or dark == 0 or dark >= _MIN_DARK,
+            "cutoff_reference": self.cutoff_reference is None or is_filtered,
+            "shot_noise_hz": self.shot_noise_hz == 0 or dark != 0,
+            "random_start": isinstance(self.random_start, bool | np.bool_),
+        }
+        for name, holds in rules.items():
             if not holds:
-                raise refusal(f"SensorModel.{name}", getattr(self, name), expected)
-
-        def check_number(
-            name: str,
-            expected: str,
-            holds: Callable[[float], bool],
-            kind: Callable[[str, object, str], float] = real,
-        ) -> None:
-            number = kind(f"SensorModel.{name}", getattr(self, name), expected)
-            check(name, holds(number), expected)
-            object.__setattr__(self, name, number)  # a Python number, for JSON
-
-        for name in ("width", "height"):
-            expected = f"an integer in 1..{MAX_SIDE_PX}"
-            check_number(name, expected, lambda side: 1 <= side <= MAX_SIDE_PX, whole)
-        check(
-            "photoreceptor",
-            isinstance(self.photoreceptor, str) and self.photoreceptor in PHOTORECEPTORS,
-            " or ".join(map(repr, PHOTORECEPTORS)),
-        )
-        for name in ("contrast_threshold", "contrast_threshold_off"):
-            if name == "contrast_threshold" or self.contrast_threshold_off is not None:
-                check_number(
-                    name,
-                    f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 "
-                    "is usual)",
-                    lambda C: MIN_THRESHOLD <= C <= MAX_THRESHOLD,
-                )
-        check_number(
-            "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0
-        )
-        if self.dark_level is not None:
-            check_number(
-                "dark_level",
-                "0, or a radiance from 1e-300 to 1e300, or None",
-                lambda dark: dark == 0 or 1e-300 <= dark <= 1e300,
-            )
-        if self.cutoff_reference is not None:
-            check_number(
-                "cutoff_reference",
-                "a positive radiance, and a finite cutoff_hz to go with it, or None",
-                lambda reference: 0 < reference < math.inf and self.cutoff_hz < math.inf,
-            )
-        check_number(
-            "fill_factor",
-            f"a share from {MIN_FILL_FACTOR:g} to 1",
-            lambda share: MIN_FILL_FACTOR <= share <= 1,
-        )
-        check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
-        check_number(
-            "refractory_s",
-            f"seconds from 0 to {MAX_TIME_S:g}",
-            lambda period: 0 <= period <= MAX_TIME_S,
-        )
-        for name in ("threshold_mismatch", "shot_noise_exponent"):
-            check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)
-        check_number("latency_s", "seconds from 0 to 1000", lambda delay: 0 <= delay <= 1000)
-        for name in ("leak_hz", "shot_noise_hz", "hot_pixel_hz"):
-            expected = f"Hz from 0 to {MAX_RATE_HZ:g}, one event per microsecond"
-            check_number(name, expected, lambda hz: 0 <= hz <= MAX_RATE_HZ)
-        check(
-            "shot_noise_hz",
-            self.shot_noise_hz == 0 or self.dark_level != 0,
-            "0 where dark_level is 0, since the rate in light is relative to the dark level",
-        )
-        check("random_start", isinstance(self.random_start, bool | np.bool_), "True or False")
+                raise refusal(f"SensorModel.{name}", getattr(self, name), _EXPECTED[name])
         object.__setattr__(self, "random_start", bool(self.random_start))
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sensor.errors import SensorError
 from sensor.kernels.radiance import Overlap, integrate_area
 from sensor.model import MIN_FILL_FACTOR
-from sensor.numbers import refusal, whole
+from sensor.numbers import real, whole
 
 
 def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
@@ -54,10 +54,7 @@ def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
 
 
 def integrate(
-    frame: NDArray[np.floating],
-    height: int,
-    width: int,
-    fill_factor: float = 1.0,
+    frame: NDArray[np.floating], height: int, width: int, fill_factor: float = 1.0
 ) -> NDArray[np.float64]:
     """Average radiance over each pixel of a sensor that sees the whole frame.
 
@@ -80,8 +77,8 @@ def integrate(
     Raises
     ------
     SensorError
-        The size is not positive, the fill factor is not a share, or radiance is negative or not
-        finite. Rows of samples that no pixel sees are not read.
+        The size is not positive, the fill factor is out of range, or radiance is negative or not
+        finite. Rows of samples that no pixel sees are not checked.
 
     Examples
     --------
@@ -94,16 +91,15 @@ def integrate(
     array([[0., 2., 2., 0.]])
     """
     for name, side in (("height", height), ("width", width)):
-        if whole(name, side, "a positive integer, px") < 1:
-            raise refusal(name, side, "a positive integer, px")
-    if not MIN_FILL_FACTOR <= fill_factor <= 1:
-        raise refusal("fill_factor", fill_factor, f"a share from {MIN_FILL_FACTOR:g} to 1")
+        whole(name, side, "a positive integer, px", 1)
+    expected = f"a share from {MIN_FILL_FACTOR:g} to 1"
+    real("fill_factor", fill_factor, expected, MIN_FILL_FACTOR, 1)
     short = frame.dtype.kind == "f" and frame.dtype.itemsize <= 4
     frame = frame.astype(np.float32 if short else np.float64, copy=False)
     out = np.empty((height, width))
     overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
     if not integrate_area(frame, *overlaps, out):
-        raise SensorError("frame: found radiance that is negative or not finite")
+        raise SensorError("frame: radiance is negative or not finite")
     return out
 
 
@@ -166,7 +162,7 @@ def crop_to_aspect(
     >>> np.ones((1280, 1280), np.float32)[rows, columns].shape
     (720, 1280)
     """
-    seen_height = min(height, round(width * sensor_height / sensor_width))
-    seen_width = min(width, round(height * sensor_width / sensor_height))
-    top, left = (height - seen_height) // 2, (width - seen_width) // 2
-    return slice(top, top + seen_height), slice(left, left + seen_width)
+    rows = min(height, round(width * sensor_height / sensor_width))
+    columns = min(width, round(height * sensor_width / sensor_height))
+    top, left = (height - rows) // 2, (width - columns) // 2
+    return slice(top, top + rows), slice(left, left + columns)

@@ -30,7 +30,7 @@ def installed(group: str, prefix: str = "") -> Mapping[str, str]:
 
 
 class WithInstalled(MutableMapping[str, T]):
-    """Entries by name, then those of installed distributions, which are looked up when needed."""
+    """Entries by name, then those of installed distributions, looked up when needed."""
 
     def __init__(self, given: Mapping[str, T], more: Callable[[], Mapping[str, T]]) -> None:
         self._given, self._more = dict(given), cache(more)

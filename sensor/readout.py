@@ -21,9 +21,7 @@ compares again only then. Under load it loses contrast, not events.
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +29,7 @@ import numpy as np
 from sensor.errors import EventError
 from sensor.events import Columns, Events, concatenate
 from sensor.kernels import fifo
-from sensor.numbers import real, refusal, whole
+from sensor.numbers import FINITE, POSITIVE, real, refusal, whole
 
 _MAX_SLOTS = 100_000_000  # of a FIFO, which is in memory
 
@@ -54,7 +52,7 @@ class Readout:
     Raises
     ------
     SensorError
-        A parameter is outside its range, or not a number; the text names it.
+        A parameter is out of range or not a number; the message names it.
 
     Examples
     --------
@@ -70,21 +68,13 @@ class Readout:
     row_overhead_s: float = 0.0
 
     def __post_init__(self) -> None:
-        def check(
-            name: str,
-            kind: Callable[[str, object, str], float],
-            expected: str,
-            least: float,
-            most: float = sys.float_info.max,
-        ) -> None:
-            number = kind(f"Readout.{name}", getattr(self, name), expected)
-            if not least <= number <= most:
-                raise refusal(f"Readout.{name}", getattr(self, name), expected)
+        for name, check, expected, low, high in (
+            ("max_rate_hz", real, "a positive number of events per second", POSITIVE, FINITE),
+            ("fifo_depth", whole, f"an integer from 1 to {_MAX_SLOTS:,}", 1, _MAX_SLOTS),
+            ("row_overhead_s", real, "seconds >= 0", 0, FINITE),
+        ):
+            number = check(f"Readout.{name}", getattr(self, name), expected, low, high)
             object.__setattr__(self, name, number)  # a Python number, for files
-
-        check("max_rate_hz", real, "a positive number of events per second", math.ulp(0.0))
-        check("fifo_depth", whole, f"an integer from 1 to {_MAX_SLOTS:,}", 1, _MAX_SLOTS)
-        check("row_overhead_s", real, "seconds >= 0", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +125,7 @@ class ReadoutReport:
 
 
 class Sender:
-    """A bus that gets the events of one stream part by part.
-
-    Parameters
-    ----------
-    readout
-        The bus.
-    """
+    """A bus that gets the events of one stream part by part."""
 
     def __init__(self, readout: Readout) -> None:
         self._readout = readout
@@ -161,20 +145,20 @@ class Sender:
         for t_us in part.t_us[[0, -1]].tolist() if len(part) else ():
             if abs(t_us) >= fifo.END_OF_TIME_US:  # differences would overflow
                 raise EventError(
-                    f"read_out: found an event at {t_us} us, expected all within 2^62 us of 0"
+                    f"read_out: an event at {t_us} us is out of range, expected |t| < 2^62 us"
                 )
         if self._waiting is None or self._held is None:
             self._waiting, self._held = _Queue(self._readout, part.height), part[:0].copy()
         held = self._held
         if (part.width, part.height) != (held.width, held.height):
             raise EventError(
-                f"read_out: found a part of {part.width}x{part.height} px after one of "
-                f"{held.width}x{held.height}, expected the parts of one stream"
+                f"read_out: a part of {part.width}x{part.height} px follows a part of "
+                f"{held.width}x{held.height} px; give the parts of one stream"
             )
         if len(part) and part.t_us[0] < self._end_us:
             raise EventError(
-                f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
-                f"at {self._end_us} us, expected consecutive parts of one stream"
+                f"read_out: a part begins at {part.t_us[0]} us, but the previous part ends at "
+                f"{self._end_us} us; give consecutive parts of one stream"
             )
         if until_us is None:
             until_us = int(part.t_us[-1]) if len(part) else self._end_us
@@ -216,7 +200,7 @@ class ReadOut:
         """Yield parts in order, sorted by time, ties by (y, x)."""
         if self._ended:
             raise EventError(
-                "ReadOut: found parts that were read before, expected one iteration; keep them in "
+                "ReadOut: the parts can be read only once, and have been read before; keep them in "
                 "a list, or call read_out again"
             )
         return self._parts
@@ -236,37 +220,38 @@ class ReadOut:
         """Counts and delays of the events so far."""
         if not self._begun:
             raise EventError(
-                "ReadOut.report: found parts that are still unread, expected all of them to be "
-                "read first: `for events in parts: ...`, then `parts.report`"
+                "ReadOut.report: no part has been read yet; read all of them first: "
+                "`for events in parts: ...`, then `parts.report`"
             )
         return self._sender.report
 
 
 def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
-    """Send events over a bus: delay them, and drop those that do not fit into the FIFO.
+    """Send events over a bus, which delays them, and drop events that find the FIFO full.
 
     The result does not depend on the division of the stream into parts.
 
     Parameters
     ----------
     events
-        One stream, whole or in consecutive parts, as from `stream`. It is read during the iteration
-        over the result.
+        One stream, whole or in consecutive parts, as from `stream`. It is read while the result is
+        iterated over.
     readout
         The bus.
 
     Returns
     -------
     ReadOut
-        Iterate over it for the sent events with the times at which they left. Memory depends on
-        the size of the parts and of the FIFO only. `report` is complete after the iteration.
+        An iterable of the sent events, with the times at which they left. Memory depends only on
+        the size of the parts and of the FIFO. `report` is complete after the iteration.
 
     Raises
     ------
     SensorError
         `readout` is not a bus.
     EventError
-        In the iteration: parts are not those of one stream, or their times are out of range.
+        During the iteration: the parts are not consecutive parts of one stream, or a time is out of
+        range.
 
     Examples
     --------

@@ -23,19 +23,19 @@ def simulate(
 ) -> Events:
     """Simulate the events of a sensor that sees the frames.
 
-    Log intensity is linear in time between frames. All else is exact: area integration, both poles
-    of the photoreceptor, and crossing times of the filtered signal.
+    Log intensity is linear in time between frames. Area integration, both poles of the
+    photoreceptor and the crossing times of the filtered signal are exact.
 
     Parameters
     ----------
     frames
         (T, H, W) linear radiance, float32 or float64, at least as large as the sensor, with its
         aspect ratio; or an iterable of (H, W) frames, which is read once, a few frames at a time.
-        Convert images encoded for a screen with `to_linear`; a warning is logged if all values of
-        the first frame are whole numbers from 0 to 255, and at least 16 of these.
+        Convert images encoded for a screen with `to_linear`. A warning is logged if the first frame
+        looks like an 8-bit image: whole numbers from 0 to 255, with at least 16 different values.
 
-        Pixels are square: the aspect ratio must be that of the sensor to less than one of its
-        pixels. So 346x259 and 346x260 both fit 1280x960, and 1280x720 does not.
+        Pixels are square, so the frames must have the aspect ratio of the sensor, to less than one
+        of its pixels: 346x259 and 346x260 both fit 1280x960, but not 1280x720.
     t_s
         (T,) strictly increasing frame times in seconds. A warning is logged if the median interval
         is above 1 s, since the times may be in milliseconds.
@@ -47,10 +47,10 @@ def simulate(
     threads
         Number of threads, 1 to 1024; None is one for each core. Results do not depend on it.
     device
-        "cpu"; or "cuda" for an NVIDIA GPU, with the extra `cuda`. There, frames may also be arrays
-        on the GPU: whatever has `__cuda_array_interface__`, such as those of CuPy and PyTorch. The
-        events are those of the CPU, except for the last digit of their times, which may decide on
-        an event where a refractory period ends.
+        "cpu"; or "cuda" for an NVIDIA GPU, with the extra `cuda`. Frames may then also be arrays on
+        the GPU with `__cuda_array_interface__`, such as arrays of CuPy and PyTorch. The events are
+        the same as on the CPU, except that the last digit of a time may differ. Where a refractory
+        period ends, that digit may decide on an event.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def simulate(
     ------
     SensorError
         Frames or times are invalid or do not fit the sensor, the sensor needs too much memory, or
-        there is no such device; the text names the frame and the value.
+        the device does not work. The message names the frame and the value.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def stream(
     threads: int | None = None,
     device: str = "cpu",
 ) -> Iterator[Events]:
-    """Simulate the events of a sensor in parts; memory does not depend on the number of frames.
+    """Simulate the events of a sensor in parts. Memory does not grow with the number of frames.
 
     Parameters
     ----------
@@ -147,15 +147,15 @@ def simulate_bank(
     models
         The sensors.
     speeds
-        One factor for each model: its frame times are `t_s / speed`. None is 1 for all.
+        A factor for each model, whose frame times are `t_s / speed`. None is 1 for all.
     starts
-        Index of the first frame that each model sees: it fires as if there were none before. None
-        is 0 for all.
+        Index of the first frame that each model sees, as if there were no earlier frames. None is 0
+        for all.
 
     Returns
     -------
     list of Events
-        One for each model, equal to the result of `simulate` for that model and its frames.
+        For each model the result of `simulate` with its frames.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def stream_bank(
     threads: int | None = None,
     device: str = "cpu",
 ) -> Iterator[tuple[int, Events]]:
-    """Simulate the events of several sensors in parts; memory does not depend on the frame count.
+    """Simulate the events of several sensors in parts. Memory does not grow with the frame count.
 
     Parameters
     ----------

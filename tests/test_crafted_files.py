@@ -72,7 +72,7 @@ def test_growth_is_bounded_by_what_is_stored():
     """Promise: 500 bytes for each that is stored; the first 2^28 are free."""
     check_growth(1 << 28, 0)
     check_growth((1 << 28) + 500 * 7, 7)
-    with pytest.raises(EventFormatError, match="7 stored"):
+    with pytest.raises(EventFormatError, match="stores 7"):
         check_growth((1 << 28) + 500 * 7 + 1, 7)
 
 

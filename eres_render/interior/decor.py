@@ -6,27 +6,12 @@ from functools import partial
 
 import numpy as np
 
+from eres_render.interior import shell
 from eres_render.interior.paints import everywhere, glazed, lacquered, wooden
-from eres_render.interior.shell import (
-    EAST_M,
-    HEIGHT_M,
-    NORTH_M,
-    WINDOW_HIGH_M,
-    WINDOW_NORTH_M,
-    WINDOW_SOUTH_M,
-)
 from eres_render.interior.uv_charts import Chart, Painter, both_sides, box, face, grid, lathe, moved
+from eres_render.textures import printed
 from eres_render.textures.cloth import striped
 from eres_render.textures.nature import earth, leaf, peel
-from eres_render.textures.printed import (
-    abstract,
-    book_cover,
-    book_pages,
-    book_spine,
-    landscape,
-    poster,
-    text_page,
-)
 
 
 def _picture(width_m: float, height_m: float, paint: Painter, frame_tone: float) -> list[Chart]:
@@ -46,22 +31,22 @@ def _picture(width_m: float, height_m: float, paint: Painter, frame_tone: float)
 
 def pictures() -> list[Chart]:
     """Return the pictures on three walls."""
-    charts = moved(_picture(0.9, 0.65, landscape, 0.15), 0, (1.35, NORTH_M, 1.6))
-    charts += moved(_picture(0.5, 0.7, poster, 0.08), 0, (2.45, NORTH_M, 1.6))
-    charts += moved(_picture(0.45, 0.45, abstract, 0.5), 0, (3.25, NORTH_M, 1.75))
-    charts += moved(_picture(1.3, 0.8, landscape, 0.4), 180, (2.55, 0, 1.55))
-    charts += moved(_picture(0.5, 0.65, text_page, 0.1), 180, (1.15, 0, 1.6))
-    charts += moved(_picture(0.8, 0.8, abstract, 0.12), -90, (EAST_M, 2.4, 1.55))
-    charts += moved(_picture(0.4, 0.55, landscape, 0.55), -90, (EAST_M, 1.55, 1.65))
-    charts += moved(_picture(0.55, 0.75, poster, 0.1), -90, (EAST_M, 4.05, 1.55))
+    charts = moved(_picture(0.9, 0.65, printed.landscape, 0.15), 0, (1.35, shell.NORTH_M, 1.6))
+    charts += moved(_picture(0.5, 0.7, printed.poster, 0.08), 0, (2.45, shell.NORTH_M, 1.6))
+    charts += moved(_picture(0.45, 0.45, printed.abstract, 0.5), 0, (3.25, shell.NORTH_M, 1.75))
+    charts += moved(_picture(1.3, 0.8, printed.landscape, 0.4), 180, (2.55, 0, 1.55))
+    charts += moved(_picture(0.5, 0.65, printed.text_page, 0.1), 180, (1.15, 0, 1.6))
+    charts += moved(_picture(0.8, 0.8, printed.abstract, 0.12), -90, (shell.EAST_M, 2.4, 1.55))
+    charts += moved(_picture(0.4, 0.55, printed.landscape, 0.55), -90, (shell.EAST_M, 1.55, 1.65))
+    charts += moved(_picture(0.55, 0.75, printed.poster, 0.1), -90, (shell.EAST_M, 4.05, 1.55))
     return charts
 
 
 def curtains() -> list[Chart]:
     """Return two striped curtains in folds and their rail."""
     charts = []
-    top, low = WINDOW_HIGH_M + 0.12, 0.06
-    for middle in (WINDOW_SOUTH_M - 0.1, WINDOW_NORTH_M + 0.1):
+    top, low = shell.WINDOW_HIGH_M + 0.12, 0.06
+    for middle in (shell.WINDOW_SOUTH_M - 0.1, shell.WINDOW_NORTH_M + 0.1):
         s = np.linspace(0, 1, 97)
         t = np.linspace(0, 1, 9)
         y = middle + 0.62 * (s - 0.5) * (1 - 0.12 * np.sin(np.pi * t))[:, None]
@@ -70,7 +55,7 @@ def curtains() -> list[Chart]:
         points = np.stack([0.16 + fold, y, z], axis=-1)
         paint = partial(striped, tones=(0.62, 0.5, 0.62, 0.2), period_m=0.16)
         charts += both_sides(grid(points, paint, t, s))
-    rail = (0.14, WINDOW_SOUTH_M - 0.5, top), (0.17, WINDOW_NORTH_M + 0.5, top + 0.03)
+    rail = (0.14, shell.WINDOW_SOUTH_M - 0.5, top), (0.17, shell.WINDOW_NORTH_M + 0.5, top + 0.03)
     return charts + box(*rail, wooden(0.12))
 
 
@@ -132,12 +117,12 @@ def lamps() -> list[Chart]:
     """Return the housings of two ceiling lamps, and a lamp over the table, not lit."""
     charts = []
     for x, y in _CEILING_LAMPS_M:
-        low, high = (x - 0.6, y - 0.25, HEIGHT_M - 0.05), (x + 0.6, y + 0.25, HEIGHT_M)
+        low, high = (x - 0.6, y - 0.25, shell.HEIGHT_M - 0.05), (x + 0.6, y + 0.25, shell.HEIGHT_M)
         charts += box(low, high, lacquered(0.6), ("bottom", "top"))
     x, y = 2.0, 3.75
     charts += box((x - 0.6, y - 0.12, 1.95), (x + 0.6, y + 0.12, 2.0), lacquered(0.6))
     for dx in (-0.5, 0.5):
-        low, high = (x + dx - 0.004, y - 0.004, 2.0), (x + dx + 0.004, y + 0.004, HEIGHT_M)
+        low, high = (x + dx - 0.004, y - 0.004, 2.0), (x + dx + 0.004, y + 0.004, shell.HEIGHT_M)
         charts += box(low, high, lacquered(0.1), ("bottom", "top"))
     return charts
 
@@ -191,18 +176,19 @@ def _vase() -> list[Chart]:
 
 def _paper(width_m: float, height_m: float) -> list[Chart]:
     low, high = (-0.5 * width_m, -0.5 * height_m, 0), (0.5 * width_m, 0.5 * height_m, 0.003)
-    return [face("top", low, high, everywhere(text_page))]
+    return [face("top", low, high, everywhere(printed.text_page))]
 
 
 def _pile_of_books(count: int, seed: int) -> list[Chart]:
     rng = np.random.default_rng(seed)
     charts: list[Chart] = []
+    edges = ("east", "south", "north")
     z, width, depth = 0.0, 0.24, 0.32
     for _ in range(count):
         thick = rng.uniform(0.025, 0.05)
         low, high = (-0.5 * width, -0.5 * depth, z), (0.5 * width, 0.5 * depth, z + thick)
-        sides = {"west": book_spine, "east": book_pages, "south": book_pages, "north": book_pages}
-        paints = sides | {"top": book_cover}
+        paints = {"west": printed.book_spine} | dict.fromkeys(edges, printed.book_pages)
+        paints["top"] = printed.book_cover
         book = [face(name, low, high, everywhere(paint)) for name, paint in paints.items()]
         charts += moved(book, rng.uniform(-14, 14), (0, 0, 0))
         z += thick

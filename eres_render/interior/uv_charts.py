@@ -218,28 +218,18 @@ def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: in
     """
     r, z = np.asarray(radii_m, dtype=np.float64), np.asarray(heights_m, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, segments + 1)
-    points = np.stack(
-        [
-            np.outer(r, np.cos(angle)),
-            np.outer(r, np.sin(angle)),
-            np.repeat(z[:, None], segments + 1, axis=1),
-        ],
-        axis=-1,
-    )
+
+    def turned(out: Float64, up: Float64) -> Float64:
+        around = np.outer(out, np.cos(angle)), np.outer(out, np.sin(angle))
+        return np.stack([*around, np.repeat(up[:, None], segments + 1, axis=1)], axis=-1)
+
+    points = turned(r, z)
     along = np.concatenate([[0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))])
     chart = grid(points, paint, along / along[-1], angle / (2 * np.pi))
     # One-sided differences at the seam would show there.
     slope_r, slope_z = np.gradient(r), np.gradient(z)
     length = np.hypot(slope_r, slope_z)
-    normals = np.stack(
-        [
-            np.outer(-slope_z / length, np.cos(angle)),
-            np.outer(-slope_z / length, np.sin(angle)),
-            np.repeat((slope_r / length)[:, None], segments + 1, axis=1),
-        ],
-        axis=-1,
-    )
-    return replace(chart, normals=normals)
+    return replace(chart, normals=turned(-slope_z / length, slope_r / length))
 
 
 def both_sides(chart: Chart, apart_m: float = 0.002) -> list[Chart]:

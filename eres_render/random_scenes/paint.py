@@ -34,7 +34,6 @@ def random_painter(rng: np.random.Generator) -> FacePainter:
     contrast = float(rng.uniform(*_CONTRAST))
 
     def face(along_u: bool) -> Painter:
-        del along_u
         return partial(_painted, pattern, scale, contrast, float(rng.uniform(*_LOG_SHADE)))
 
     return face
@@ -61,7 +60,6 @@ def _painted(
 
 def _clouds(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
     """Return 1/f noise from the size of the surface down to a texel."""
-    del texel_m
     return np.exp(-1.2 + 0.4 * fractal_noise(shape, max(shape), 1, rng), dtype=np.float32)
 
 

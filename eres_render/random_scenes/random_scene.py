@@ -86,23 +86,23 @@ def write_random_scene(
 ) -> None:
     """Write a random scene into a folder, for `load_scene` and the integrator "emission".
 
-    A closed room fills the view. In it there are 2 to 6 things that stand still, and 1 to 4
-    objects that move on paths of their own: boxes, panels, turned bodies and rocks, 0.6 to 4 m
-    away. They may pass through each other, but nothing comes near the camera.
+    A closed room fills the view. It has 2 to 6 things that stand still, and 1 to 4 objects that
+    move on paths of their own: boxes, panels, turned bodies and rocks, 0.6 to 4 m away. They may
+    pass through each other, but nothing comes near the camera.
 
     Parameters
     ----------
     folder
-        The folder, made if it does not exist. Writes scene.xml and scene.toml, and for each shape
-        a mesh (PLY), the radiance of its surface (EXR), and if it moves, its poses (TUM).
+        The folder, created if it does not exist. It gets scene.xml and scene.toml, and for each
+        shape a mesh (PLY), the radiance of its surface (EXR), and its poses (TUM) if it moves.
     seed
-        Seed of all randomness; the same seed gives the same bytes.
+        Seed of all randomness. The same seed gives the same bytes.
     duration_s
         How long the paths last, s.
     width_px
-        Width of the frames that the textures are made for: about one texel for a pixel.
+        Width of the frames: textures have about one texel per pixel.
     baseline_m
-        Distance of a second camera on the same rig, for which space is kept free, m.
+        Distance of a second camera on the same rig, m. Things keep clear of it too.
 
     Raises
     ------
@@ -126,22 +126,21 @@ def write_random_scene(
         xml.append(_SHAPE.format(name=quoteattr(name), file=name))
 
     add("room", room(walls, random_painter(rng)), _WALL_M)
-    for k in range(1, rng.integers(*_STILL, endpoint=True) + 1):
-        found = _place(eye, walls, free_m, False, rng)
-        if found is not None:
-            path, radius_m, distance_m = found
-            solid = random_solid(radius_m, random_painter(rng), rng)
-            add(f"thing_{k}", moved(solid, 0.0, path.T_world[0, :3, 3]), distance_m)
-    for k in range(1, rng.integers(*_MOVING, endpoint=True) + 1):
-        found = _place(eye, walls, free_m, True, rng)
-        if found is not None:
-            path, radius_m, distance_m = found
-            name = f"object_{k}"
-            add(name, random_solid(radius_m, random_painter(rng), rng), distance_m)
-            write_text(
-                folder / f"{name}.txt", tum_text(path.t_s, path.T_world, what="T_world_object")
-            )
-            toml.append(_OBJECT.format(name=name))
+    for kind, counts in (("thing", _STILL), ("object", _MOVING)):
+        moves = kind == "object"
+        for k in range(1, rng.integers(*counts, endpoint=True) + 1):
+            name, place = f"{kind}_{k}", _place(eye, walls, free_m, moves, rng)
+            if place is None:
+                continue
+            path, radius_m, distance_m = place
+            solid: Sequence[Chart] = random_solid(radius_m, random_painter(rng), rng)
+            if moves:
+                poses = tum_text(path.t_s, path.T_world, what="T_world_object")
+                write_text(folder / f"{name}.txt", poses)
+                toml.append(_OBJECT.format(name=name))
+            else:
+                solid = moved(solid, 0.0, path.T_world[0, :3, 3])
+            add(name, solid, distance_m)
     write_text(folder / "camera.txt", tum_text(eye.t_s, eye.T_world))
     write_text(folder / "scene.xml", f'<scene version="3.0.0">\n{"".join(xml)}</scene>\n')
     write_text(folder / "scene.toml", "".join(toml))

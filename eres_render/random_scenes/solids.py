@@ -9,15 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eres_render.interior.uv_charts import (
-    Chart,
-    FacePainter,
-    both_sides,
-    box,
-    grid,
-    lathe,
-    rounded_box,
-)
+from eres_render.interior import uv_charts
+from eres_render.interior.uv_charts import Chart, FacePainter
 
 Float64 = NDArray[np.float64]
 
@@ -66,22 +59,24 @@ def room(half_m: Float64, paint: FacePainter) -> list[Chart]:
     half_m
         (2, 3) its lower and upper corner, m.
     """
-    return [both_sides(chart, 0.0)[1] for chart in box(half_m[0], half_m[1], paint)]
+    return [
+        uv_charts.both_sides(chart, 0.0)[1] for chart in uv_charts.box(half_m[0], half_m[1], paint)
+    ]
 
 
 def _box(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
     half = rng.uniform(0.3, 1.0, 3)
-    return box(-half, half, paint)
+    return uv_charts.box(-half, half, paint)
 
 
 def _panel(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
     half = np.array([rng.uniform(0.4, 1.0), 0.01, rng.uniform(0.4, 1.0)])
-    return box(-half, half, paint)
+    return uv_charts.box(-half, half, paint)
 
 
 def _rounded_box(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
     half = rng.uniform(0.4, 1.0, 3)
-    return rounded_box(-half, half, float(rng.uniform(0.1, 0.35)), paint)
+    return uv_charts.rounded_box(-half, half, float(rng.uniform(0.1, 0.35)), paint)
 
 
 def _turned(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
@@ -90,21 +85,19 @@ def _turned(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
     amplitude, phase = rng.uniform(-0.15, 0.15, 3), rng.uniform(0, 2 * np.pi, 3)
     waves = np.sin(np.outer(angle, np.arange(2, 5)) + phase) @ amplitude
     radii = np.sin(angle) * (1 + waves) * rng.uniform(0.4, 1.0)
-    return [lathe(radii, np.cos(angle), paint(True), _SEGMENTS)]
+    return [uv_charts.lathe(radii, np.cos(angle), paint(True), _SEGMENTS)]
 
 
 def _rock(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
     """Return a sphere deformed by waves of random directions."""
     angle = np.linspace(_POLE_RAD, np.pi - _POLE_RAD, _RINGS + 1)
-    ball = lathe(np.sin(angle), np.cos(angle), paint(True), _SEGMENTS)
+    ball = uv_charts.lathe(np.sin(angle), np.cos(angle), paint(True), _SEGMENTS)
     waves, phase = rng.normal(0, 2.0, (3, _WAVES)), rng.uniform(0, 2 * np.pi, _WAVES)
     depth = np.sin(ball.points @ waves + phase) @ rng.uniform(0.0, 0.12, _WAVES)
     points = ball.points * (1 + depth[..., None]) * rng.uniform(0.6, 1.0, 3)
-    return [grid(points, ball.paint, ball.t, ball.s)]
+    return [uv_charts.grid(points, ball.paint, ball.t, ball.s)]
 
 
-SOLIDS: tuple[Callable[[FacePainter, np.random.Generator], list[Chart]], ...] = (
-    *(_box, _panel, _rounded_box),
-    *(_turned, _rock),
-)
+_Maker = Callable[[FacePainter, np.random.Generator], list[Chart]]
+SOLIDS: tuple[_Maker, ...] = (_box, _panel, _rounded_box, _turned, _rock)
 """Makers of solids of any size about the origin."""

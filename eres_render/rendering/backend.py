@@ -119,7 +119,7 @@ def select_variant() -> str:
 def release_render_memory() -> None:
     """Return freed memory to the system: 1 GB after a job of a study, 0.4 GB after the room.
 
-    Dr.Jit keeps freed memory for reuse, also that of scenes that no longer exist, and glibc that of
+    Dr.Jit keeps freed memory for reuse, even after scenes are gone, and glibc keeps the memory of
     threads.
     """
     import drjit as dr
@@ -172,15 +172,15 @@ def probe_variant(name: str) -> VariantVerdict:
 def _libraries() -> list[tuple[str, int]]:
     """Return the JIT libraries and drivers: settings, paths, times of change."""
     settings = *_LIBRARY_VARIABLES, "CUDA_VISIBLE_DEVICES"
-    found = [(f"{name}={os.environ.get(name, '')}", 0) for name in settings]
+    values = [(f"{name}={os.environ.get(name, '')}", 0) for name in settings]
     patterns = [os.path.join(f, library) for f in _LIBRARY_FOLDERS for library in _LIBRARIES]
     paths = sorted({path for pattern in patterns for path in glob.glob(pattern)})
     paths += [os.environ.get(name, "") for name in _LIBRARY_VARIABLES]
     paths.append("/proc/driver/nvidia/version")
     for path in paths:
         if os.path.isfile(path):
-            found.append((path, os.stat(path).st_mtime_ns))
-    return found
+            values.append((path, os.stat(path).st_mtime_ns))
+    return values
 
 
 def _probe(name: str) -> VariantVerdict:

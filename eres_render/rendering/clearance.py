@@ -88,10 +88,10 @@ def _first_bad_place(
         for k in np.flatnonzero(inside | near)[:1]:
             nearest = caster.shape_ids[shape[k, np.argmin(distance[k])]]
             if inside[k]:
-                found = f"is inside a solid or behind a wall, shape {nearest!r}"
+                what = f"is inside a solid or behind a wall, shape {nearest!r}"
             else:
-                found = f"comes within {distance[k].min():.3g} m of shape {nearest!r}"
-            return float(t_s[start + k]), found
+                what = f"comes within {distance[k].min():.3g} m of shape {nearest!r}"
+            return float(t_s[start + k]), what
     return None
 
 

@@ -39,8 +39,7 @@ class Pieces(NamedTuple):
     Attributes
     ----------
     normal, point : (G, 3) float64
-        The plane of each, m. The normal is that of its triangles, or of their shading if that
-        points the other way.
+        The plane of each, m. The normal points to the side of the shading normals.
     texel, texel_of : (G, 2), (G, 2, 3) float64
         A point X shows texel `texel + texel_of @ (X - point)`; texel centers lie at integers.
     texture : (G,) int32
@@ -217,9 +216,9 @@ def _is_like_baked(emitter: Any, emission: Any) -> bool:
     si = dr.zeros(mi.SurfaceInteraction3f, len(points))
     si.uv = mi.Point2f((x + 0.5) / columns, (y + 0.5) / rows)
     si.wi = mi.Vector3f(0, 0, 1)
-    found = np.asarray(emitter.eval(si)[0])
+    radiance = np.asarray(emitter.eval(si)[0])
     expected = map_coordinates(image, (y, x), order=1, mode="nearest")
-    return bool(np.allclose(found, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
+    return bool(np.allclose(radiance, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
 
 
 def _largest_entry(values: NDArray[np.float32]) -> tuple[int, int]:
@@ -254,8 +253,8 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
         """Whether planes, lit sides and maps of some triangles hold at the vertices of others."""
         offset = vertices[at] - vertices[of][:, :1]
         off_plane = np.abs(np.einsum("nvi,ni->nv", offset, normal[of])).max(1)
-        found = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
-        off_map = np.abs(found - triangles.texels[at]).max((1, 2))
+        mapped = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
+        off_map = np.abs(mapped - triangles.texels[at]).max((1, 2))
         same = np.einsum("ni,ni->n", normal[of], normal[at]) > 0
         same &= (triangles.texture[of] == triangles.texture[at]) & known[of] & known[at]
         same &= (triangles.radiance[of] == triangles.radiance[at]) & (lit_side[of] == lit_side[at])
@@ -285,9 +284,7 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
     return pieces, bent_triangles, piece_of_triangle, edges
 
 
-def _neighbors(
-    vertices: Float64,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def _neighbors(vertices: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Find pairs of triangles on the two sides of an edge.
 
     Returns
@@ -303,11 +300,11 @@ def _neighbors(
     end = np.roll(start, -1, axis=1)
     # An edge runs one way in the one triangle and back in the other, or they overlap.
     count = int(start.max()) + 1
-    there, back = (start * count + end).ravel(), (end * count + start).ravel()
-    known, first, times = np.unique(there, return_index=True, return_counts=True)
+    forth, back = (start * count + end).ravel(), (end * count + start).ravel()
+    known, first, times = np.unique(forth, return_index=True, return_counts=True)
     at = np.minimum(np.searchsorted(known, back), len(known) - 1)
-    own = np.searchsorted(known, there)
-    paired = (known[at] == back) & (times[at] == 1) & (times[own] == 1) & (there < back)
+    own = np.searchsorted(known, forth)
+    paired = (known[at] == back) & (times[at] == 1) & (times[own] == 1) & (forth < back)
     left = np.flatnonzero(paired)
     right = first[at[left]]
     return left // 3, right // 3, np.stack([left, right])

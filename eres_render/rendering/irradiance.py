@@ -55,9 +55,9 @@ def irradiance_maps(
 
     First, rays to each lamp find the direct light of every cell. Then every surface emits the light
     that it reflects, and all cells gather the light of the emitting surfaces. This is repeated for
-    each bounce, with few samples, and the last time with all.
-    Covered points, such as those of a floor under a table's leg, do not count. Cells without any
-    point that counts copy the nearest cell that has one.
+    each bounce: with few samples at first, and with all samples for the last bounce.
+    Covered points, such as a floor under a table's leg, do not count. A cell in which no point
+    counts copies the nearest cell with light of its own.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def irradiance_maps(
     cell_m
         Approximate side of a cell on the surface, m: a UV square has whole cells each way.
     spp
-        Samples in each cell, rounded up to a square: positions, each with a ray to every lamp, a
-        ray that gathers light, and rays that tell whether the position is covered.
+        Samples in each cell, rounded up to a square. A sample is a position with a ray to every
+        lamp, a ray that gathers light, and rays that test whether the position is covered.
     on_progress
         Called as samples are done.
 
@@ -142,8 +142,9 @@ def refuse_objects(scene: Scene) -> None:
     """Refuse to bake a scene whose objects move, and with them shadows and reflected light."""
     if scene.settings.objects:
         raise SceneError(
-            f"{scene.xml_file}: found moving objects ({', '.join(scene.settings.objects)}), and "
-            "baked light stands still; render with --integrator path, the default for this scene"
+            f"{scene.xml_file}: baked light does not follow moving objects "
+            f"({', '.join(scene.settings.objects)}); render with --integrator path, the default "
+            "for this scene"
         )
 
 
@@ -215,22 +216,17 @@ def _uv_size_m(shape: mi.Shape) -> Size:
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, _PROBES)
     si: Any = shape.eval_parameterization(sampler.next_2d())
-    found = np.asarray(si.is_valid())
-    if not found.any():  # it covers hardly any of the UV square
+    valid = np.asarray(si.is_valid())
+    if not valid.any():  # it covers hardly any of the UV square
         sample_position: Any = shape.sample_position  # its type stub has a different Float
         on_it = sample_position(0.0, sampler.next_2d())
         si = shape.eval_parameterization(mi.Point2f(on_it.uv))
-        found = np.asarray(si.is_valid())
-    u_m, v_m = (
-        float(np.sum(_each(dr.norm(along), found.shape), where=found) / found.sum())
-        for along in (si.dp_du, si.dp_dv)
-    )
+        valid = np.asarray(si.is_valid())
+    # Dr.Jit keeps a single value if those of all points are equal, as on a cylinder.
+    stretches = (np.asarray(dr.norm(along), np.float64) for along in (si.dp_du, si.dp_dv))
+    each = (np.broadcast_to(stretch, valid.shape) for stretch in stretches)
+    u_m, v_m = (float(np.sum(stretch, where=valid) / valid.sum()) for stretch in each)
     return u_m, v_m
-
-
-def _each(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return values of points as an array; Dr.Jit keeps one if all are equal, as on a cylinder."""
-    return np.broadcast_to(np.asarray(values, np.float64), shape)
 
 
 def _texture_sizes_m(scene: Scene) -> dict[str, Size]:
@@ -290,10 +286,10 @@ def _per_cell(
         columns, rows = dr.opaque(mi.UInt32, n_u), dr.opaque(mi.UInt32, n_v)
         corner = mi.Point2f(mi.Float(cell % columns), mi.Float(cell // columns))
         uv = (corner + sampler.next_2d()) / mi.Point2f(mi.Float(columns), mi.Float(rows))
-        found: Any = shape.eval_parameterization(uv)
+        si: Any = shape.eval_parameterization(uv)
         point = dr.zeros(mi.SurfaceInteraction3f)
-        point.p, point.n, point.sh_frame = found.p, front(found), mi.Frame3f(found.sh_frame.n)
-        valid = found.is_valid()
+        point.p, point.n, point.sh_frame = si.p, front(si), mi.Frame3f(si.sh_frame.n)
+        valid = si.is_valid()
         sampler.schedule_state()
         # The kernel up to here is for this shape; the long one that follows serves all shapes.
         dr.eval(point, valid)
@@ -332,8 +328,8 @@ def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     covered = valid
     for _ in range(_PROBES_PER_POINT):
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        seen = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
-        covered = covered & seen.is_valid() & (dr.dot(front(seen), towards) > 0)
+        hit = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
+        covered = covered & hit.is_valid() & (dr.dot(front(hit), towards) > 0)
     return valid & ~covered
 
 
@@ -366,11 +362,11 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> IrradianceOf:
     def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
         counts = _outside(glowing, point, sampler, valid)
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        seen = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
-        surface = counts & seen.is_valid()  # an emitter is black from behind
+        hit = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
+        surface = counts & hit.is_valid()  # an emitter is black from behind
         for lamp in lamps:
-            surface &= seen.shape != lamp
-        radiance = seen.emitter(glowing).eval(seen, surface)
+            surface &= hit.shape != lamp
+        radiance = hit.emitter(glowing).eval(hit, surface)
         return dr.select(surface, dr.pi * radiance[0], 0.0), counts
 
     return light
@@ -378,18 +374,16 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> IrradianceOf:
 
 def _glowing(scene: Scene, radiance: dict[str, Float32]) -> mi.Scene:
     """Load the scene with glowing surfaces, radiances as (rows, columns) over the UV square."""
+    return load_mi_scene(scene, {name: glow_of(image) for name, image in radiance.items()})
+
+
+def glow_of(radiance: Float32, **options: str) -> Any:
+    """Return an emitter with the radiance of an image (rows, columns) over the UV square."""
     import mitsuba as mi
 
-    emitters = {}
-    for name, image in radiance.items():
-        texture = {
-            "type": "bitmap",
-            "bitmap": mi.Bitmap(image[..., None]),
-            "raw": True,
-            "wrap_mode": "clamp",
-        }
-        emitters[name] = mi.load_dict({"type": "area", "radiance": texture})
-    return load_mi_scene(scene, emitters)
+    bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(radiance[..., None]), "raw": True}
+    texture = bitmap | {"wrap_mode": "clamp"} | options
+    return mi.load_dict({"type": "area", "radiance": texture})
 
 
 def _set_glow(glowing: mi.Scene, radiance: dict[str, Float32]) -> None:
@@ -430,14 +424,14 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
     mi_scene
         Mitsuba's scene.
     """
-    found = surfaces(mi_scene)
-    for shape in found:
+    shapes = surfaces(mi_scene)
+    for shape in shapes:
         if reason := reason_not_to_bake(shape):
             raise SceneError(
                 f"{scene.xml_file}: cannot be baked: shape {shape.id()!r} {reason}; path-trace it "
                 "(--integrator path)"
             )
-    return found
+    return shapes
 
 
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:

@@ -69,10 +69,10 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
         return "has an image that is not interpolated bilinearly"
     if isinstance(shape, mi.Mesh) and not shape.has_vertex_texcoords():
         return "has no UV coordinates"
-    sample, found = _probed(shape)
-    if not _has_own_uv(shape, sample, found):
+    sample, at_uv = _probed(shape)
+    if not _has_own_uv(shape, sample, at_uv):
         return "has points that share a UV coordinate, or lie outside the UV square"
-    if not _has_its_side(sample, found):
+    if not _has_its_side(sample, at_uv):
         return "has flipped normals, which Mitsuba ignores at a UV coordinate"
     return ""
 
@@ -98,9 +98,9 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
     u, v = column + 0.5 + 0.25 * right, row + 0.75 - 0.25 * right  # at a quarter of the step
     si.uv = mi.Point2f(u / columns, v / rows)
     si.wi = mi.Vector3f(0, 0, 1)
-    found = float(np.asarray(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
+    value = float(np.asarray(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
     before, after = map(float, _gray(image[[row, row + 1 - right], [column, column + right]]))
-    return abs(found - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
+    return abs(value - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
 
 
 def _gray(image: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -109,7 +109,7 @@ def _gray(image: NDArray[np.floating]) -> NDArray[np.float32]:
     return gray.astype(np.float32)
 
 
-def _has_own_uv(shape: mi.Shape, sample: Any, found: Any) -> bool:
+def _has_own_uv(shape: mi.Shape, sample: Any, at_uv: Any) -> bool:
     """Return whether UV coordinates identify points of the surface, and are in the square."""
     import drjit as dr
 
@@ -117,15 +117,15 @@ def _has_own_uv(shape: mi.Shape, sample: Any, found: Any) -> bool:
     low, high = -_UV_TOLERANCE, 1 + _UV_TOLERANCE
     u, v = sample.uv.x, sample.uv.y
     in_square = (u > low) & (u < high) & (v > low) & (v < high)
-    again = in_square & found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
+    again = in_square & at_uv.is_valid() & (dr.norm(at_uv.p - sample.p) < _UV_TOLERANCE * size)
     return float(np.mean(np.asarray(dr.select(again, 1.0, 0.0)))) > 0.99
 
 
-def _has_its_side(sample: Any, found: Any) -> bool:
+def _has_its_side(sample: Any, at_uv: Any) -> bool:
     """Return whether fronts at UV coordinates are those at the same points of the surface."""
     import drjit as dr
 
-    alike = dr.select(dr.dot(found.sh_frame.n, sample.n) > 0, 1.0, 0.0)
+    alike = dr.select(dr.dot(at_uv.sh_frame.n, sample.n) > 0, 1.0, 0.0)
     return float(np.mean(np.asarray(alike))) > 0.99
 
 

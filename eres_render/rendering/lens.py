@@ -34,11 +34,10 @@ def undistorted(camera: Camera, lens: Distortion, position: Any) -> Any:
     wanted_x = (mi.Float64(position.x) - camera.cx) / camera.fx
     wanted_y = (mi.Float64(position.y) - camera.cy) / camera.fy
     for _ in range(_STEPS):
-        there_x, there_y, xx, xy, yy = polynomials(x, y, lens)
-        off_x, off_y = wanted_x - there_x, wanted_y - there_y
+        image_x, image_y, xx, xy, yy = polynomials(x, y, lens)
+        off_x, off_y = wanted_x - image_x, wanted_y - image_y
         determinant = xx * yy - xy * xy
-        x, y = (
-            x + (off_x * yy - off_y * xy) / determinant,
-            y + (off_y * xx - off_x * xy) / determinant,
-        )
+        step_x = (off_x * yy - off_y * xy) / determinant
+        step_y = (off_y * xx - off_x * xy) / determinant
+        x, y = x + step_x, y + step_y
     return mi.Point2f(mi.Float(x * camera.fx + camera.cx), mi.Float(y * camera.fy + camera.cy))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from eres_render.errors import SceneError
 from eres_render.progress import Progress, silent
-from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
+from eres_render.rendering import irradiance as light
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.scene import BAKE_VERSION, Scene
 from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
@@ -49,9 +49,9 @@ def bake_scene(
     Parameters
     ----------
     scene
-        Its `bake` settings give the size of the lightmaps' cells and the samples in each.
+        Its `bake` settings give the size of the lightmaps' cells and the samples in each cell.
     folder
-        Where to write; the scene's own folder by default.
+        Folder of the lightmaps; the scene's own folder by default.
     on_progress
         Called as samples are done.
 
@@ -69,7 +69,7 @@ def bake_scene(
     RenderError
         If a lightmap cannot be written.
     OSError
-        If nothing can be written into the folder; before anything is baked.
+        If nothing can be written into the folder. This is checked before anything is baked.
     """
     folder = Path(folder) if folder else scene.folder
     make_folder(folder)
@@ -78,14 +78,15 @@ def bake_scene(
     with unfinished(together, folder=True):
         pass  # where nothing can be written, say so before minutes of work
     settings = scene.settings.bake
-    maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
+    maps = light.irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
     state = {
         _DIGEST_ATTRIBUTE: scene.light_digest,
         _VERSION_ATTRIBUTE: str(BAKE_VERSION),
         _COUNT_ATTRIBUTE: str(len(maps)),
     }
-    with unfinished(together, folder=True) as made:
-        written = [made / _lightmap_name(shape_id) for shape_id in maps]
+    with unfinished(together, folder=True) as new:
+        # An id may have a slash.
+        written = [new / f"lightmap_{quote(shape_id, safe='')}.exr" for shape_id in maps]
         for path, irradiance in zip(written, maps.values(), strict=True):
             write_luminance(path, _rounded(irradiance), state)
         # All of them together, as a scene with some of its lightmaps cannot be rendered.
@@ -102,7 +103,7 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
     """Return the lightmaps of a scene: packaged, cached, or baked and cached now.
 
     Lightmaps of a different state of the scene are ignored. While another process bakes the scene,
-    this one waits.
+    this process waits.
 
     Parameters
     ----------
@@ -119,9 +120,9 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
     Raises
     ------
     BackendError
-        If they must be baked and the selected variant is scalar.
+        If the scene must be baked and the selected variant is scalar.
     SceneError
-        If they must be baked and cannot be; see `bake_scene`.
+        If the scene must be baked and cannot be; see `bake_scene`.
     """
     files = _lightmap_files(scene)
     if not files:
@@ -160,18 +161,14 @@ def _lightmap_files(scene: Scene) -> list[Path]:
 
 def _is_of(file: Path, scene: Scene) -> bool:
     """Return whether a lightmap is of this state of the scene, baked by this code."""
-    found = read_attributes(file)
-    version = found.get(_VERSION_ATTRIBUTE, str(_VERSION_BEFORE))
-    return (found.get(_DIGEST_ATTRIBUTE), version) == (scene.light_digest, str(BAKE_VERSION))
+    stored = read_attributes(file)
+    version = stored.get(_VERSION_ATTRIBUTE, str(_VERSION_BEFORE))
+    return (stored.get(_DIGEST_ATTRIBUTE), version) == (scene.light_digest, str(BAKE_VERSION))
 
 
 def _cached_lightmaps(scene: Scene) -> Path:
     name = f"{scene.name}-{scene.light_digest[:16]}-v{BAKE_VERSION}"
     return cache_dir() / "lightmaps" / name
-
-
-def _lightmap_name(shape_id: str) -> str:
-    return f"lightmap_{quote(shape_id, safe='')}.exr"  # an id may have a slash
 
 
 def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene, set[str]]:
@@ -187,7 +184,7 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
     Returns
     -------
     mi_scene
-        Mitsuba's scene; its surfaces reflect nothing and emit what they would reflect.
+        Mitsuba's scene. Its surfaces reflect nothing, and emit what they would reflect.
     shape_ids
         Ids of these surfaces, each with a texture of radiance.
 
@@ -196,29 +193,22 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
     BackendError, SceneError
         As for `lightmaps`, or if a shape has no lightmap.
     """
-    import mitsuba as mi
-
     maps = lightmaps(scene, on_progress)
     emitters = {}
     mi_scene = load_mi_scene(scene)  # kept: its shapes must not outlive it
-    for shape in bakeable_surfaces(mi_scene, scene):
+    for shape in light.bakeable_surfaces(mi_scene, scene):
         if shape.id() not in maps:
             raise SceneError(
-                f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}; make "
-                "them again with eres bake"
+                f"{scene.folder}: shape {shape.id()!r} has no lightmap, only {list(maps)} have; "
+                "bake them again with eres bake"
             )
-        reflected, irradiance = _at_one_size(reflectance(shape.bsdf(), scene), maps[shape.id()])
+        texels = light.reflectance(shape.bsdf(), scene)
+        reflected, irradiance = _at_one_size(texels, maps[shape.id()])
         radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
         # A resampled texture may ring below black; -0.0 is not one of the kernels' numbers.
         radiance = np.abs(np.maximum(radiance, 0, out=radiance), out=radiance)
-        texture = {
-            "type": "bitmap",
-            "bitmap": mi.Bitmap(radiance[..., None]),
-            "raw": True,
-            "format": "fp16",  # as fine as the reflectance on disk, in half the memory
-            "wrap_mode": "clamp",
-        }
-        emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
+        # Half-floats are as fine as the reflectance on disk, in half the memory.
+        emitters[shape.id()] = light.glow_of(radiance, format="fp16")
     return load_mi_scene(scene, emitters), set(emitters)
 
 
@@ -229,13 +219,9 @@ def _at_one_size(image: Float32, cells: Float32) -> list[Float32]:
     the image's size keeps the centers of its texels; any other size would blur it.
     """
     height, width = map(_size, image.shape, cells.shape)
-    resized = (
-        one
-        if one.shape == (height, width)
-        else cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR)
-        for one in (image, cells)
-    )
-    return [one.astype(np.float32, copy=False) for one in resized]
+    # OpenCV copies an image that has this size already.
+    resized = (cv2.resize(texels, (width, height)) for texels in (image, cells))
+    return [texels.astype(np.float32, copy=False) for texels in resized]
 
 
 def _size(texels: int, cells: int) -> int:

@@ -32,9 +32,7 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def load_mi_scene(
-    scene: Scene,
-    emitters: Mapping[str, Any] | None = None,
-    without: Collection[str] = (),
+    scene: Scene, emitters: Mapping[str, Any] | None = None, without: Collection[str] = ()
 ) -> mi.Scene:
     """Load scene.xml for the selected variant.
 
@@ -119,8 +117,8 @@ def _drop(node: Any, kind: Any, state: Any, ids: Collection[str] | None = None) 
     for key in list(node.props.keys()):
         child = node.props[key]
         if isinstance(child, mi.Properties.ResolvedReference):
-            found = state.nodes[child.index()]
-            if found.type == kind and (ids is None or found.props.id() in ids):
+            target = state.nodes[child.index()]
+            if target.type == kind and (ids is None or target.props.id() in ids):
                 del node.props[key]
 
 
@@ -155,7 +153,8 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
             logger.clear_appenders()  # which closes the file
             for appender in appenders:
                 logger.add_appender(appender)
-            xml_files = _xml_files(scene)  # perhaps in another encoding; the names are in ASCII
+            # Perhaps in another encoding; the names are in ASCII.
+            xml_files = scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")
             named = "".join(xml.read_text(encoding="utf-8", errors="replace") for xml in xml_files)
             for text in _WARNING.split(file.read())[1:]:
                 unused = _ATTRIBUTE.search(text)
@@ -166,10 +165,6 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
 @functools.cache  # once per process, as a scene is loaded several times
 def _warn(file: Path, text: str) -> None:
     _log.warning("%s: Mitsuba warns: %s", file, text)
-
-
-def _xml_files(scene: Scene) -> list[Path]:
-    return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
 
 
 def _drop_color(mi_scene: mi.Scene) -> None:

@@ -171,13 +171,13 @@ class LookUp:
                 list(workers.map(bend_band, range(len(rows) - 1)))
 
             image = np.empty(marked.shape, np.float32)
-            seen = Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
+            corners = Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
             stretch = camera.fx / camera.fy
             samples = Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
             textures = Textures(self._addresses, self._sizes)
 
             def look_up_band(band: int) -> None:
-                look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
+                look_up(rows[band], rows[band + 1], corners, textures, samples, marked, image)
 
             list(workers.map(look_up_band, range(len(rows) - 1)))
         missing = np.flatnonzero(marked.view(bool))
@@ -267,11 +267,11 @@ class LookUp:
 
         corner = mi.UInt32(corners)
         x, y = mi.Float(corner % columns), mi.Float(corner // columns)
-        found = self._mi_scene.ray_intersect_preliminary(
+        hits = self._mi_scene.ray_intersect_preliminary(
             rays(step_px * x, step_px * y), coherent=True
         )
-        shape = np.asarray(dr.reinterpret_array(mi.UInt32, found.shape))
-        triangle = np.asarray(found.prim_index)
+        shape = np.asarray(dr.reinterpret_array(mi.UInt32, hits.shape))
+        triangle = np.asarray(hits.prim_index)
         piece_at = np.empty(len(corners), np.int32)
         first, piece_of = self._surfaces.first_triangle, self._surfaces.piece_of_triangle
         visible.pieces_at(shape, triangle, first, piece_of, self._nothing, piece_at)
@@ -281,14 +281,14 @@ class LookUp:
         """Mark every pixel in which something that is not a mesh may be seen."""
         for box in self._surfaces.boxes:
             corners = np.stack(np.meshgrid(*box.T, indexing="ij"), -1).reshape(-1, 3)
-            seen = (corners - eye) @ to_image.T
-            start, end = seen[_BOX_EDGES[:, 0]], seen[_BOX_EDGES[:, 1]]
+            projected = (corners - eye) @ to_image.T
+            start, end = projected[_BOX_EDGES[:, 0]], projected[_BOX_EDGES[:, 1]]
             cut = (start[:, 2] < NEAR_M) != (end[:, 2] < NEAR_M)
             share = (NEAR_M - start[cut, 2:]) / (end[cut, 2:] - start[cut, 2:])
             between = start[cut] + share * (end[cut] - start[cut])
-            seen = np.concatenate([seen[seen[:, 2] >= NEAR_M], between])
-            if len(seen):
-                at = seen[:, :2] / seen[:, 2:]
+            projected = np.concatenate([projected[projected[:, 2] >= NEAR_M], between])
+            if len(projected):
+                at = projected[:, :2] / projected[:, 2:]
                 size = marked.shape[::-1]
                 left, top = np.clip(np.floor(at.min(0)) - 1, 0, size).astype(int)
                 right, bottom = np.clip(np.ceil(at.max(0)) + 1, 0, size).astype(int)

@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 
 from eres_render.compiling import compiler
 from eres_render.rendering.flat_surfaces import Pieces
-from eres_render.rendering.visibility_kernels import (
-    BLACK,
-    MIXED,
-    box_of,
-    jit,
-    jit_inline,
-    show_row,
-)
+from eres_render.rendering.visibility_kernels import BLACK, MIXED, box_of, jit, jit_inline, show_row
 
 _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
 _MIN_BLOCK_PX = 16

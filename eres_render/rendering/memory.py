@@ -26,10 +26,10 @@ def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str)
     needed = _BYTES_A_PIXEL * pixels
     if variant.startswith("llvm"):  # a GPU has its own memory; the scalar variant renders tiles
         needed += _BYTES_A_SAMPLE[integrator] * pixels * spp
-    if needed > (there := memory_bytes()):
+    if needed > (available := memory_bytes()):
         raise RenderError(
             f"{size}, which need {needed / 1e9:.1f} GB of memory, and this machine has "
-            f"{there / 1e9:.1f} GB; choose a lower resolution or fewer samples"
+            f"{available / 1e9:.1f} GB; choose a lower resolution or fewer samples"
         )
     if not variant.startswith("scalar") and pixels * spp > _MAX_SAMPLES:
         raise RenderError(

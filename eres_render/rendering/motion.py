@@ -30,19 +30,19 @@ class PlacedObjects:
         self._parameters = mi.traverse(mi_scene)
         self._movers: list[tuple[MovingObject, Callable[[Float64], None]]] = []
         shapes = {shape.id(): shape for shape in mi_scene.shapes()}
-        for one in objects:
-            for name in one.shapes:
+        for moving in objects:
+            for name in moving.shapes:
                 if name not in shapes or shapes[name].class_name() == "Instance":
                     raise SceneError(
-                        f"{scene_file}: shape {name!r} of object {one.name!r} is an instance or "
+                        f"{scene_file}: shape {name!r} of object {moving.name!r} is an instance or "
                         "inside a group, expected a shape of its own"
                     )
-                self._movers.append((one, self._mover(name, one.name, scene_file)))
+                self._movers.append((moving, self._mover(name, moving.name, scene_file)))
 
     def place(self, t_s: float) -> None:
         """Move all objects to where they are at a time on the camera's path, in seconds."""
-        for one, move in self._movers:
-            move(one.pose(t_s))
+        for moving, move in self._movers:
+            move(moving.pose(t_s))
         self._parameters.update()
 
     def _mover(self, shape: str, of: str, scene_file: object) -> Callable[[Float64], None]:
@@ -119,17 +119,17 @@ def still_and_bodies(
     if not objects:
         return RayCaster(mi_scene), ()
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
-    of_objects = {name for one in objects for name in one.shapes}
+    of_objects = {name for moving in objects for name in moving.shapes}
     standing = [shape for name, shape in shapes.items() if name not in of_objects]
     if any(shape.class_name() == "Instance" for shape in standing):
         still = load_mi_scene(scene, without=of_objects)  # instances cannot be in another scene
     else:
         still = _scene_of(standing)
     bodies = []
-    for one in objects:
-        part = _scene_of([shapes[name] for name in one.shapes])
+    for moving in objects:
+        part = _scene_of([shapes[name] for name in moving.shapes])
         box_m = np.array([np.ravel(part.bbox().min), np.ravel(part.bbox().max)], np.float64)
-        bodies.append(Body(one.name, one.pose, one.knots_s, RayCaster(part), box_m))
+        bodies.append(Body(moving.name, moving.pose, moving.knots_s, RayCaster(part), box_m))
     return RayCaster(still), tuple(bodies)
 
 

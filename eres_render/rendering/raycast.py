@@ -83,8 +83,8 @@ class RayCaster:
 
         if not len(directions) or str(mi.variant()).startswith("scalar"):
             return self.cast(origins, directions).distance
-        found = self._mi_scene.ray_intersect_preliminary(_rays(origins, directions), coherent=True)
-        return np.asarray(found.t, np.float64)
+        hits = self._mi_scene.ray_intersect_preliminary(_rays(origins, directions), coherent=True)
+        return np.asarray(hits.t, np.float64)
 
     def _cast_together(
         self, origins: Float64, directions: Float64
@@ -116,11 +116,8 @@ class RayCaster:
             ray = mi.Ray3f(mi.Point3f(origins[k]), mi.Vector3f(directions[k]))
             si = self._mi_scene.ray_intersect(ray, mi.RayFlags.ShadingFrame, coherent=False)
             if si.is_valid():
-                distance[k], normal[k], shape[k] = (
-                    si.t,
-                    front(si),
-                    index_of.get(si.shape, len(self.shape_ids) - 1),
-                )
+                distance[k], normal[k] = si.t, front(si)
+                shape[k] = index_of.get(si.shape, len(self.shape_ids) - 1)
         return distance, normal, shape
 
 
@@ -147,6 +144,5 @@ def _rays(origins: Float64, directions: Float64) -> Any:
 
     origins = np.broadcast_to(origins, directions.shape)
     return mi.Ray3f(
-        mi.Point3f(*origins.T.astype(np.float32)),
-        mi.Vector3f(*directions.T.astype(np.float32)),
+        mi.Point3f(*origins.T.astype(np.float32)), mi.Vector3f(*directions.T.astype(np.float32))
     )

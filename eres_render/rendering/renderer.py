@@ -30,14 +30,8 @@ from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
 from eres_render.storage.exr import MIN_WHITE
-from eres_render.trajectory.frame_times import (
-    ImageMotion,
-    RecentPoses,
-    depth_image_motion,
-    object_image_motion,
-    plane_image_motion,
-    shadow_image_motion,
-)
+from eres_render.trajectory import frame_times
+from eres_render.trajectory.frame_times import ImageMotion
 from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
@@ -58,48 +52,50 @@ _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
 class Renderer:
     """Renders linear radiance of one scene from any pose.
 
-    Every frame uses the same random numbers, so radiance is a continuous function of the pose, and
+    Every frame uses the same random numbers. So radiance is a continuous function of the pose, and
     the remaining Monte Carlo error moves with the camera instead of flickering. If objects move,
-    each frame has a time, and by default it is path-traced, because shadows and reflected light
-    move too.
+    each frame has a time and is path-traced by default, because shadows and reflected light move
+    too.
 
     Parameters
     ----------
     scene
         Scene to render.
     width
-        Side of the square image in pixels, where no camera is given.
+        Side of the square image in pixels, if no camera is given.
     spp
-        Samples per pixel, stratified over the pixel's area (a box filter: any other would blur the
-        image). A square is best: 1, 4, 9, 16, ...; otherwise a multiple of its square root, rounded
-        down, as the multijittered sampler needs.
+        Samples per pixel, stratified over the pixel's area (a box filter; other filters would blur
+        the image). A square is best: 1, 4, 9, 16, ... Otherwise the multijittered sampler needs a
+        multiple of the square root of `spp`, rounded down.
     seed
         Seed of the sampler, 0 to 2^32 - 1.
     integrator
-        "baked" (light is computed once, for Lambertian surfaces), "baked-full" (the same light,
-        with a ray for every sample, where "baked" looks most of them up: see
-        `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
-        `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
-        light and no noise of it; looked up like "baked", unless objects move). By default "path" if
-        objects move, else "emission" if nothing reflects light, "baked" if possible within about an
-        hour, or "path".
-        Scenes with moving objects need "path" or "emission".
+        - "baked": light is computed once, for Lambertian surfaces;
+        - "baked-full": the same light, but a ray for every sample, while "baked" looks most samples
+          up (`eres_render.rendering.lookup`);
+        - "path": path tracing in every frame, which is noisy (`measure_noise`);
+        - "emission": only the light that surfaces emit, without shadows, reflections and noise;
+          looked up like "baked", unless objects move.
+
+        By default "path" if objects move, else "emission" if nothing reflects light, "baked" if
+        possible within about an hour, or "path". Scenes with moving objects need "path" or
+        "emission".
     on_progress
-        Called while light is baked, if it must be.
+        Called while light is baked, if that is necessary.
     camera
-        In place of the scene's square one: any image size, focal lengths, principal point and lens.
-        Each sample of a pixel is bent by the lens.
+        Replaces the scene's square camera: any image size, focal lengths, principal point and lens.
+        The lens bends each sample of a pixel.
 
     Raises
     ------
     RenderError
         If the sampler cannot lay out `spp` samples, the seed or the size of the image is out of
-        range, the image needs more memory than this machine has, or its pixels are not square or
-        the camera has a lens and the Mitsuba variant is scalar.
+        range, the image needs more memory than this machine has, or the Mitsuba variant is scalar
+        and the camera has a lens or pixels that are not square.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
-        If Mitsuba refuses the scene, it cannot be baked or one of its objects cannot move.
+        If Mitsuba refuses the scene, light cannot be baked, or an object cannot move.
     TrajectoryError
         If the path of an object cannot be read or is too short, or the scene must be baked and the
         camera's path comes too near a surface.
@@ -184,15 +180,12 @@ class Renderer:
         import mitsuba as mi
 
         check_spp(spp, RenderError)
-        if camera.fx != camera.fy and self.variant.startswith("scalar"):
+        is_plain = camera.fx == camera.fy and camera.distortion is None
+        if not is_plain and self.variant.startswith("scalar"):
             raise RenderError(
-                f"camera: found fx = {camera.fx} and fy = {camera.fy}, and {self.variant} renders "
-                "square pixels only; install LLVM (apt-get install libllvm19)"
-            )
-        if camera.distortion is not None and self.variant.startswith("scalar"):
-            raise RenderError(
-                f"camera: found a lens, {camera.distortion}, and {self.variant} renders pinholes "
-                "only; install LLVM (apt-get install libllvm19)"
+                f"camera: found fx = {camera.fx}, fy = {camera.fy}, distortion = "
+                f"{camera.distortion}, but {self.variant} renders only square pixels without a "
+                "lens; install LLVM (apt-get install libllvm19)"
             )
         self.camera, self.spp = camera, int(spp)
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
@@ -209,10 +202,10 @@ class Renderer:
         T_world_cam
             (4, 4) pose.
         seed
-            Seed of the sampler, in place of the renderer's own. Noise differs from seed
-            to seed; an event camera would see it as flicker.
+            Seed of the sampler, in place of the renderer's. Noise differs from seed to seed, and an
+            event camera would see that as flicker.
         t_s
-            Time on the camera's path, s, at which moving objects are seen; still scenes need none.
+            Time on the camera's path, s; required if objects move.
 
         Returns
         -------
@@ -238,8 +231,7 @@ class Renderer:
     ) -> NDArray[np.float32]:
         """Render a few pixels several times.
 
-        Each render has its own random numbers, which stay the same from pose to pose, as those of a
-        frame's pixels do.
+        Each render has its own random numbers. They stay the same from pose to pose, as in frames.
 
         Parameters
         ----------
@@ -273,14 +265,13 @@ class Renderer:
     def white_level(self) -> float:
         """The scene's white: 99.9th percentile of the radiance along its whole path.
 
-        It is taken over five frames of the whole image, evenly spaced in time, at 4 samples per
-        pixel whatever `spp` is. It depends neither on the clips that are rendered nor on the number
-        of threads.
+        It is measured in five whole frames, evenly spaced in time, at 4 samples per pixel. It does
+        not depend on `spp`, on the clips that are rendered or on the number of threads.
 
         Raises
         ------
         SceneError
-            If nearly everything that the camera sees is black.
+            If nearly everything in view is black.
         """
         t_s = np.linspace(0.0, self.scene.duration_s, 5)
         frames = [
@@ -288,34 +279,32 @@ class Renderer:
             for t, T in zip(t_s.tolist(), self.trajectory.pose(t_s), strict=True)
         ]
         white = float(np.percentile(np.stack(frames), 99.9))
-        if np.isnan(white):
-            raise SceneError(
-                f"{self.scene.xml_file}: found NaN radiance along the path, expected numbers; does "
-                "a texture have NaN?"
-            )
         if not white > 0:
             raise SceneError(
                 f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "
-                f"along the path, is {white:g}), expected an <emitter> that lights the camera's "
-                "view"
+                f"along the path, is {white:g}); light the camera's view with an <emitter>, and "
+                "look for NaN in textures"
             )
         if white < MIN_WHITE:
             _log.warning(
-                "%s: white, the 99.9th percentile of radiance along the path, is %.3g; frames are "
-                "half-floats, which round shadows visibly below a white of %g and make false "
-                "events: scale all emitters up",
-                *(self.scene.xml_file, white, MIN_WHITE),
+                "%s: white, the 99.9th percentile of radiance along the path, is %.3g. Below %g, "
+                "frames in half-floats round shadows visibly, which causes false events: scale all "
+                "emitters up",
+                self.scene.xml_file,
+                white,
+                MIN_WHITE,
             )
         return white
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The scene's camera path, checked to keep clear of all surfaces, also of moving ones.
+        """The scene's camera path, checked to keep clear of all surfaces and moving objects.
 
         Raises
         ------
         TrajectoryError, SceneError
-            If there is no path, or it comes too near a surface; the text names time and obstacle.
+            If there is no path, or it comes too near a surface. The message names the time and the
+            obstacle.
         """
         return _check_path(self.scene, self.camera, *self._still_and_bodies)
 
@@ -323,26 +312,27 @@ class Renderer:
     def image_motion(self) -> ImageMotion:
         """Largest motion of the image between two times on the path, px.
 
-        In path-traced light the shadows and the light of objects that are out of view count too.
+        In path-traced light, shadows and reflected light of objects out of view count too.
         """
         trajectory, camera = self.trajectory, self.camera
-        path = RecentPoses(trajectory)
+        path = frame_times.RecentPoses(trajectory)
         if self.scene.plane is not None:
-            of_still = plane_image_motion(trajectory, camera, self.scene.plane)
+            of_still = frame_times.plane_image_motion(trajectory, camera, self.scene.plane)
         else:
-            of_still = depth_image_motion(path, camera, self.inverse_depth)
+            of_still = frame_times.depth_image_motion(path, camera, self.inverse_depth)
         px_per_m = functools.lru_cache(maxsize=1)(self._px_per_m)
 
         def of_body(body: Body) -> ImageMotion:
-            shadow = shadow_image_motion(body.pose, body.box_m, px_per_m)
+            shadow = frame_times.shadow_image_motion(body.pose, body.box_m, px_per_m)
             unseen = shadow if self.integrator == "path" else None
             at = body.pose, body.box_m
-            return object_image_motion(path, camera, *at, body.caster.distance, unseen)
+            return frame_times.object_image_motion(path, camera, *at, body.caster.distance, unseen)
 
         of_bodies = [of_body(body) for body in self._still_and_bodies[1]]
         if not of_bodies:
             return of_still
-        return lambda t_0_s, t_1_s: max(one(t_0_s, t_1_s) for one in (of_still, *of_bodies))
+        motions = of_still, *of_bodies
+        return lambda t_0_s, t_1_s: max(motion(t_0_s, t_1_s) for motion in motions)
 
     def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
         """Return the inverse of the z-depth at some pixels, of all that stands still.
@@ -392,7 +382,7 @@ class Renderer:
             return
         if t_s is None:
             raise RenderError(
-                f"{self.scene.name}: found no t_s, expected a time on the path, as objects move"
+                f"{self.scene.name}: found no t_s, expected a time on the path, since objects move"
             )
         self._placed.place(t_s)
 
@@ -410,9 +400,9 @@ class Renderer:
         same pose would not give the same frame.
         """
         if self.integrator != "path":
-            kept = pixels is None
-            position = self._positions(spp, seed) if kept else self._sampled(spp, seed, pixels)[1]
-            return self._traced(position, spp)
+            if pixels is None:
+                return self._traced(self._positions(spp, seed), spp)
+            return self._traced(self._sampled(spp, seed, pixels)[1], spp)
         sampler, position = self._sampled(spp, seed, pixels)
         ray, weight = self._rays(position)
         radiance, _, _ = self._tracer.sample(self._mi_scene, sampler, ray)
@@ -562,13 +552,13 @@ def _warn_if_far_from_origin(
     """Warn where single precision, which Mitsuba renders in, makes the image jump."""
     T = trajectory.pose(np.linspace(0.0, scene.duration_s, _VIEWS))
     rays = camera.rays(camera.grid(_VIEWS))
-    near_m = min(float(still.distance(one[:3, 3], rays @ one[:3, :3].T).min()) for one in T)
+    near_m = min(float(still.distance(pose[:3, 3], rays @ pose[:3, :3].T).min()) for pose in T)
     farthest_m = float(np.abs(T[:, :3, 3]).max())
     step_px = float(np.spacing(np.float32(farthest_m))) * max(camera.fx, camera.fy) / near_m
     if step_px > _MAX_ROUNDING_PX:
         _log.warning(
-            "%s: found a camera %.3g m from the origin, where single precision moves the image in "
-            "steps of %.2g px, expected at most %g: move the scene and its path to the origin",
+            "%s: the camera is %.3g m from the origin, where single precision moves the image in "
+            "steps of %.2g px, above %g px: move the scene and its path to the origin",
             *(scene.path_name, farthest_m, step_px, _MAX_ROUNDING_PX),
         )
 
@@ -579,20 +569,19 @@ def _check_plane(
     """Check that the camera looks at the plane of scene.toml, from which ground truth follows."""
     origin = T_world_cam[:3, 3]
     directions = camera.rays(camera.grid(_VIEWS)) @ T_world_cam[:3, :3].T
-    there = plane.distance(origin, directions)
-    found = caster.distance(origin, directions)
-    meets = np.isfinite(there)
-    if missed := int(np.sum(meets & ~np.isfinite(found))):
+    to_plane = plane.distance(origin, directions)
+    to_surface = caster.distance(origin, directions)
+    meets = np.isfinite(to_plane)
+    if missed := int(np.sum(meets & ~np.isfinite(to_surface))):
         raise SceneError(
-            f"{folder / 'scene.toml'}: plane: found no surface along {missed} of "
-            f"{np.sum(meets)} rays of the camera, expected one on the plane along each: depth and "
-            "flow follow from it"
+            f"{folder / 'scene.toml'}: plane: {missed} of {np.sum(meets)} rays of the camera meet "
+            "no surface; depth and flow need a surface on the plane"
         )
-    ratio = float(np.median(found[meets] / there[meets])) if meets.any() else 1.0
+    ratio = float(np.median(to_surface[meets] / to_plane[meets])) if meets.any() else 1.0
     if abs(ratio - 1) > _OFF_PLANE:
         raise SceneError(
-            f"{folder / 'scene.toml'}: plane: found what the camera sees {ratio:.3g} times as far "
-            "away as the plane, expected it on the plane: depth and flow follow from it"
+            f"{folder / 'scene.toml'}: plane: the visible surface is {ratio:.3g} times as far away "
+            "as [plane]; depth and flow need them to coincide"
         )
 
 
@@ -623,8 +612,8 @@ def _to_world(T_world_cam: Float64) -> Any:
 
     pose = np.asarray(T_world_cam, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        found = pose.tolist() if pose.shape == (4, 4) else f"an array of {pose.shape}"
-        raise RenderError(f"T_world_cam: found {found}, expected one finite pose, (4, 4)")
+        text = pose.tolist() if pose.shape == (4, 4) else f"an array of {pose.shape}"
+        raise RenderError(f"T_world_cam: found {text}, expected one finite pose, (4, 4)")
     to_world = pose @ _CAM_FROM_MITSUBA
     return mi.ScalarTransform4f(to_world.tolist())
 

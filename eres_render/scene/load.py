@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-import typing
 from collections import Counter
 from collections.abc import Collection
 from functools import partial
@@ -38,7 +37,7 @@ def scene_root() -> Path:
 
 
 def _packaged(name: str) -> Path | None:
-    """Return the folder of a packaged scene, of a variant or of a print, None if there is none."""
+    """Return the folder of a packaged scene, variant or print; None if the name is unknown."""
     folders = (scene_root() / group / name for group in _GROUPS)
     return next((f for f in folders if name.isidentifier() and (f / "scene.toml").is_file()), None)
 
@@ -63,25 +62,25 @@ def load_scene(
     Parameters
     ----------
     name_or_path
-        Name of a packaged scene, of a variant of one ("varnished_room"), or of a print in front of
-        a camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
-        and a scene.toml, or path of any Mitsuba file (.xml) with exactly one camera, which gives
-        the field of view.
+        Name of a packaged scene, of its variant ("varnished_room"), or of a print in front of a
+        camera on a slider ("forest", "pebbles", "split_rocks"); path of a folder with scene.xml and
+        scene.toml; or path of any Mitsuba file (.xml) with exactly one camera, which gives the
+        field of view.
     trajectory
-        A camera path in place of that in scene.toml, or a file of poses T_world_cam in TUM format.
-        The camera passes through each pose of the file at its time. Times count from the first
-        pose; the time of that pose is kept as `t_offset_us`; see `path_through`.
+        A camera path that replaces the path in scene.toml, or a file of poses T_world_cam in TUM
+        format. The camera passes through each pose of the file at its time. Times count from the
+        first pose, whose own time becomes `t_offset_us`; see `path_through`.
 
     Returns
     -------
     scene
-        Not yet loaded by Mitsuba.
+        Mitsuba has not loaded it yet.
 
     Raises
     ------
     SceneError
-        If the scene does not exist, a name is that of a packaged scene and of a folder here, a file
-        that the scene names is missing, or a field is missing, of the wrong type or out of range.
+        If the scene does not exist, a packaged scene and a folder here have the same name, a file
+        of the scene is missing, or a field is missing, of the wrong type or out of range.
 
     Examples
     --------
@@ -99,8 +98,8 @@ def load_scene(
     if packaged := _packaged(str(name_or_path)):
         if (path / "scene.toml").is_file() and path.resolve() != packaged.resolve():
             raise SceneError(
-                f"{name_or_path}: found a packaged scene and a folder of this name, expected one: "
-                f"write ./{name_or_path} for the folder"
+                f"{name_or_path}: found a packaged scene and a folder of this name; write "
+                f"./{name_or_path} for the folder"
             )
         scene = _load_folder(packaged, str(name_or_path))
     elif path.suffix == ".xml" and path.is_file():
@@ -149,75 +148,69 @@ def _load_xml(file: Path) -> Scene:
     return Scene(file.stem, file, settings, str(file), xml.files)
 
 
-def _refuse(file: Path, field: str, found: object, expected: str) -> typing.NoReturn:
-    raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
+def _check_value(file: Path, holds: bool, field: str, found: object, expected: str) -> None:
+    if not holds:
+        raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
 
 
 def _check(settings: SceneToml, file: Path) -> None:
     """Refuse impossible values."""
-    refuse = partial(_refuse, file)
-    path, plane, bake = settings.path, settings.plane, settings.bake
-    positive: dict[str, float] = {"bake.cell_m": bake.cell_m, "bake.spp": bake.spp}
+    check = partial(_check_value, file)
+
+    def positive(table: str, values: object, *names: str) -> None:
+        for name in names:
+            value = getattr(values, name)
+            check(value > 0, f"{table}.{name}", value, "a positive number")
+
+    path, plane = settings.path, settings.plane
+    positive("bake", settings.bake, "cell_m", "spp")
     if path is not None:
-        positive["path.min_clearance_m"] = path.min_clearance_m
-        if path.min_clearance_m < _MIN_CLEARANCE_M:
-            least = f"at least {_MIN_CLEARANCE_M:g} m, as frames begin 1 mm from the camera"
-            refuse("path.min_clearance_m", path.min_clearance_m, least)
+        least = f"at least {_MIN_CLEARANCE_M:g} m, as frames begin 1 mm from the camera"
+        clearance_m = path.min_clearance_m
+        check(clearance_m >= _MIN_CLEARANCE_M, "path.min_clearance_m", clearance_m, least)
     if isinstance(path, FacingPlanePath | WaypointsPath):
-        positive["path.duration_s"] = path.duration_s
-        positive["path.mean_speed_mps"] = path.mean_speed_mps
+        positive("path", path, "duration_s", "mean_speed_mps")
+        check(path.seed >= 0, "path.seed", path.seed, "0 or more")
     if isinstance(path, FacingPlanePath):
-        positive["path.distance_m"] = path.distance_m
-        positive["path.knot_interval_s"] = path.knot_interval_s
-        if plane is None:
-            refuse(
-                "path.kind", repr(path.kind), "another kind, or a [plane] for the camera to face"
-            )
-    if isinstance(path, TumPath) and not (file.parent / path.file).is_file():
-        refuse("path.file", repr(path.file), "an existing file")
-    if isinstance(path, WaypointsPath) and len(path.waypoints) < 2:
-        refuse("path.waypoints", len(path.waypoints), "two or more")
+        positive("path", path, "distance_m", "knot_interval_s")
+        other = "another kind, or a [plane] for the camera to face"
+        check(plane is not None, "path.kind", repr(path.kind), other)
+    elif isinstance(path, WaypointsPath):
+        check(len(path.waypoints) >= 2, "path.waypoints", len(path.waypoints), "two or more")
+        check(any(path.up), "path.up", path.up, "a direction")
+    elif isinstance(path, TumPath):
+        is_file = (file.parent / path.file).is_file()
+        check(is_file, "path.file", repr(path.file), "an existing file")
     if plane is not None:
-        positive["plane.half_width_m"] = plane.half_width_m
-        if not math.isclose(math.hypot(*plane.normal), 1.0, abs_tol=1e-9):
-            refuse("plane.normal", plane.normal, "a vector of length 1")
-    for field, value in positive.items():
-        if not value > 0:
-            refuse(field, value, "a positive number")
-    seeds = {f"textures.{name}.seed": recipe.seed for name, recipe in settings.textures.items()}
-    if isinstance(path, FacingPlanePath | WaypointsPath):
-        seeds["path.seed"] = path.seed
-    for name in settings.textures:
-        if name in _NAMES_OF_MITSUBA:
-            refuse(f"textures.{name}", repr(name), "another name, as Mitsuba's loader has this one")
-    for field, value in seeds.items():
-        if value < 0:
-            refuse(field, value, "0 or more")
-    if isinstance(path, WaypointsPath) and not any(path.up):
-        refuse("path.up", path.up, "a direction")
-    if not 0 < settings.camera.fov_deg < 180:
-        refuse("camera.fov_deg", settings.camera.fov_deg, "(0, 180) degrees")
+        positive("plane", plane, "half_width_m")
+        is_unit = math.isclose(math.hypot(*plane.normal), 1.0, abs_tol=1e-9)
+        check(is_unit, "plane.normal", plane.normal, "a vector of length 1")
+    for name, recipe in settings.textures.items():
+        other = "another name, since Mitsuba's loader uses this name"
+        check(name not in _NAMES_OF_MITSUBA, f"textures.{name}", repr(name), other)
+        check(recipe.seed >= 0, f"textures.{name}.seed", recipe.seed, "0 or more")
+    fov_deg = settings.camera.fov_deg
+    check(0 < fov_deg < 180, "camera.fov_deg", fov_deg, "(0, 180) degrees")
 
 
 def _check_objects(settings: SceneToml, file: Path, shape_ids: Collection[str]) -> None:
     """Refuse objects without shapes or a path, and shapes that are unknown or of two objects."""
-    refuse = partial(_refuse, file)
+    check = partial(_check_value, file)
     objects = settings.objects or {}
-    if len(objects) > MAX_OBJECTS:
-        refuse("objects", len(objects), f"at most {MAX_OBJECTS}")
-    uses = Counter(shape for one in objects.values() for shape in one.shapes)
-    for name, one in objects.items():
+    check(len(objects) <= MAX_OBJECTS, "objects", len(objects), f"at most {MAX_OBJECTS}")
+    uses = Counter(shape for moving in objects.values() for shape in moving.shapes)
+    for name, moving in objects.items():
         field = f"objects.{name}"
-        if not re.fullmatch(r"[\w-]+", name):  # files are named after it
-            refuse(field, repr(name), "a name of letters, digits, - and _")
-        if not one.shapes:
-            refuse(f"{field}.shapes", "none", "ids of one or more shapes in scene.xml")
-        for shape in one.shapes:
-            if shape not in shape_ids:
-                hint = suggestion(shape, sorted(shape_ids))
-                refuse(f"{field}.shapes", repr(shape), f"the id of a shape in scene.xml: {hint}")
-            if uses[shape] > 1:
-                refuse(f"{field}.shapes", f"{shape!r} twice", "each shape in one object only")
-        if not (file.parent / one.trajectory).is_file():
-            missing = file.parent / one.trajectory
-            refuse(f"{field}.trajectory", f"{one.trajectory!r}", f"a file; {missing} is missing")
+        is_name = re.fullmatch(r"[\w-]+", name) is not None  # files are named after it
+        check(is_name, field, repr(name), "a name of letters, digits, - and _")
+        some = "ids of shapes in scene.xml, at least one"
+        check(len(moving.shapes) > 0, f"{field}.shapes", "none", some)
+        for shape in moving.shapes:
+            hint = suggestion(shape, sorted(shape_ids))
+            known = f"the id of a shape in scene.xml: {hint}"
+            check(shape in shape_ids, f"{field}.shapes", repr(shape), known)
+            once = "each shape in one object only"
+            check(uses[shape] == 1, f"{field}.shapes", f"{shape!r} twice", once)
+        poses = file.parent / moving.trajectory
+        expected = f"a file; {poses} is missing"
+        check(poses.is_file(), f"{field}.trajectory", repr(moving.trajectory), expected)

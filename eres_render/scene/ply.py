@@ -37,7 +37,7 @@ class _Element(NamedTuple):
 
     @property
     def has_lists(self) -> bool:
-        return any(one.count_type for one in self.properties)
+        return any(prop.count_type for prop in self.properties)
 
 
 def check_faces(path: Path) -> None:
@@ -48,7 +48,7 @@ def check_faces(path: Path) -> None:
     with path.open("rb") as file:
         try:
             kind, elements = _header(file)
-            vertices = {one.name: one.size for one in elements}["vertex"]
+            vertices = {element.name: element.size for element in elements}["vertex"]
             largest = _largest_index(file, kind, elements)
         except Exception:  # of any kind, from its numbers; Mitsuba says what is wrong
             return
@@ -63,13 +63,13 @@ def _header(file: BinaryIO) -> tuple[str, list[_Element]]:
     kind, elements = "", list[_Element]()
     for line in file:
         match line.decode("latin-1").split():
-            case ["format", found, _]:
-                kind = found
+            case ["format", kind, _]:
+                pass
             case ["element", name, count]:
                 elements.append(_Element(name, int(count), []))
             case ["property", "list", count_type, type_, name]:
-                one = _Property(name, _TYPES[type_], _TYPES[count_type])
-                elements[-1].properties.append(one)
+                prop = _Property(name, _TYPES[type_], _TYPES[count_type])
+                elements[-1].properties.append(prop)
             case ["property", type_, name]:
                 elements[-1].properties.append(_Property(name, _TYPES[type_], ""))
             case [] | ["ply"] | ["comment" | "obj_info", *_]:
@@ -83,16 +83,16 @@ def _header(file: BinaryIO) -> tuple[str, list[_Element]]:
 
 def _largest_index(file: BinaryIO, kind: str, elements: list[_Element]) -> int:
     """Return the largest index of a vertex in a face, as an unsigned number; -1 without faces."""
-    last = max(k for k, one in enumerate(elements) if one.name == "face")
+    last = max(k for k, element in enumerate(elements) if element.name == "face")
     to_faces = elements[: last + 1]
     if kind == "ascii":
         words = (word for line in file for word in line.split())
-        return max(_largest_in_words(words, one) for one in to_faces)
+        return max(_largest_in_words(words, element) for element in to_faces)
     order, largest, start = _ORDERS[kind], -1, 0
     data = np.frombuffer(file.read(), np.uint8)
-    for one in to_faces:
-        found, start = _largest_in_bytes(data, start, one, order)
-        largest = max(largest, found)
+    for element in to_faces:
+        index, start = _largest_in_bytes(data, start, element, order)
+        largest = max(largest, index)
     return largest
 
 
@@ -103,9 +103,9 @@ def _largest_in_words(words: Iterator[bytes], element: _Element) -> int:
         return -1
     largest = -1
     for _ in range(element.size):
-        for one in element.properties:
-            count = int(next(words, b"")) if one.count_type else 1
-            if _has_indices(element, one):
+        for prop in element.properties:
+            count = int(next(words, b"")) if prop.count_type else 1
+            if _has_indices(element, prop):
                 indices = (int(float(word)) & _UNSIGNED for word in islice(words, count))
                 largest = max(largest, max(indices, default=-1))
             else:
@@ -118,7 +118,7 @@ def _largest_in_bytes(
 ) -> tuple[int, int]:
     """Return the largest index of a face in the records of an element, and where these end."""
     if not element.has_lists:
-        record = sum(np.dtype(one.type).itemsize for one in element.properties)
+        record = sum(np.dtype(prop.type).itemsize for prop in element.properties)
         return -1, start + record * element.size
     largest, left, run = -1, element.size, 1 << 16
     while left:  # a run of records whose lists are as long as those of the first
@@ -128,8 +128,8 @@ def _largest_in_bytes(
         same = np.all(rows[:, counts] == rows[0, counts], axis=1)
         run = int(fits if same.all() else same.argmin())
         for columns, kind in faces:
-            found = np.ascontiguousarray(rows[:run, columns]).view(kind).astype(np.int64)
-            largest = max(largest, int((found & _UNSIGNED).max(initial=0)))
+            indices = np.ascontiguousarray(rows[:run, columns]).view(kind).astype(np.int64)
+            largest = max(largest, int((indices & _UNSIGNED).max(initial=0)))
         start, left = start + run * step, left - run
     return largest, start
 
@@ -139,24 +139,24 @@ def _layout(
 ) -> tuple[list[int], list[tuple[slice, str]], int]:
     """Return where a record has lengths of lists, and indices of vertices; and its own length."""
     counts, faces, at = list[int](), list[tuple[slice, str]](), 0
-    for one in element.properties:
-        count, each = 1, np.dtype(one.type).itemsize
-        if one.count_type:
-            head = np.dtype(f"{order}{one.count_type}")
+    for prop in element.properties:
+        count, each = 1, np.dtype(prop.type).itemsize
+        if prop.count_type:
+            head = np.dtype(f"{order}{prop.count_type}")
             count = int(data[at : at + head.itemsize].view(head)[0])
             counts += range(at, at + head.itemsize)
             at += head.itemsize
         if count < 0:
             raise ValueError
         end = at + count * each
-        if _has_indices(element, one):
-            faces.append((slice(at, end), f"{order}{one.type}"))
+        if _has_indices(element, prop):
+            faces.append((slice(at, end), f"{order}{prop.type}"))
         at = end
     return counts, faces, at
 
 
-def _has_indices(element: _Element, one: _Property) -> bool:
-    return element.name == "face" and one.name in _INDICES and one.count_type != ""
+def _has_indices(element: _Element, prop: _Property) -> bool:
+    return element.name == "face" and prop.name in _INDICES and prop.count_type != ""
 
 
 def _skip(words: Iterator[bytes], count: int) -> None:

@@ -57,7 +57,7 @@ class Scene:
     files
         All files that scene.xml names: meshes, images, included scene files.
     given_path
-        A camera path in place of that of `settings`, which then have none.
+        A camera path; `settings` then have none.
 
     Examples
     --------
@@ -139,7 +139,7 @@ class Scene:
         return Camera(width, width if height is None else height, fov_rad)
 
     def texture_files(self) -> dict[str, str]:
-        """Return the texture files by parameter of scene.xml; make those that are not cached."""
+        """Return the texture files by parameter of scene.xml; create those that are not cached."""
         return {name: str(recipe.file()) for name, recipe in self.settings.textures.items()}
 
     def objects(self, t_offset_us: int, duration_s: float) -> tuple[MovingObject, ...]:
@@ -193,14 +193,10 @@ class Scene:
     @property
     def duration_s(self) -> float:
         """Duration of the camera path, seconds; `trajectory` may last longer."""
-        made_s = self._made_duration_s
-        return self._trajectory.duration_s if made_s is None else made_s
-
-    @property
-    def _made_duration_s(self) -> float | None:
-        """Duration of a path that a generator makes, s; None for a path of given poses."""
         path = self.settings.path
-        return None if path is None or isinstance(path, TumPath) else path.duration_s
+        if path is None or isinstance(path, TumPath):
+            return self._trajectory.duration_s
+        return path.duration_s
 
     @property
     def min_clearance_m(self) -> float:
@@ -211,30 +207,30 @@ class Scene:
         return 0.0 if path is None else path.min_clearance_m
 
     def trajectory(self, camera: Camera | None = None) -> Trajectory:
-        """Return the camera path; in a planar scene, the view stays on the square at all times.
+        """Return the camera path. In a planar scene its view is checked to stay on the square.
 
         `Renderer.trajectory` checks the distance from the surfaces of the scene.
 
         Parameters
         ----------
         camera
-            Its view is checked; by default that of the scene's square camera.
+            The camera whose view is checked; the scene's square camera by default.
 
         Raises
         ------
         TrajectoryError
-            If the path cannot be made, or neither the camera nor any object moves.
+            If the path is impossible, or neither the camera nor any object moves.
         SceneError
             If the scene has no path, or a view leaves the square.
         """
         if camera is None:
             return self._trajectory_of_own_camera
-        self._check_view(self._trajectory, camera)
+        self._check_view(camera)
         return self._trajectory
 
     @cached_property
     def _trajectory_of_own_camera(self) -> Trajectory:
-        self._check_view(self._trajectory, self.camera(2))
+        self._check_view(self.camera(2))
         return self._trajectory
 
     @cached_property
@@ -248,19 +244,17 @@ class Scene:
             )
         return trajectory
 
-    def _check_view(self, trajectory: Trajectory, camera: Camera) -> None:
+    def _check_view(self, camera: Camera) -> None:
         square, plane = self.settings.plane, self.plane
         if square is None or plane is None:
             return
-        made_s = self._made_duration_s
-        duration_s = trajectory.duration_s if made_s is None else made_s
-        reach_m = _reach_m(trajectory, duration_s, camera, plane, square.point_m)
+        reach_m = _reach_m(self._trajectory, self.duration_s, camera, plane, square.point_m)
         if reach_m > square.half_width_m:
             raise SceneError(
                 f"{self.path_name}: the view reaches {reach_m:.3f} m from plane.point_m along a "
                 f"side with a field of view of {math.degrees(camera.fov_rad):.4g} degrees, "
                 f"expected at most plane.half_width_m = {square.half_width_m} m; bring the path "
-                "nearer to the plane, or turn less"
+                "nearer to the plane, or turn the camera less"
             )
 
     def _unchecked_trajectory(self) -> Trajectory:
@@ -313,9 +307,8 @@ class Scene:
 
 
 def _waypoint_pose(path: WaypointsPath, k: int) -> NDArray[np.float64]:
-    one = path.waypoints[k]
     try:
-        return look_at(one.position_m, one.target_m, path.up)
+        return look_at(path.waypoints[k].position_m, path.waypoints[k].target_m, path.up)
     except TrajectoryError as error:
         raise TrajectoryError(f"waypoints[{k}].{error}") from error
 
@@ -340,10 +333,10 @@ def _reach_m(
         poses = trajectory.pose(t_s[k : k + poses_at_once])
         try:
             rays_world = rays @ np.swapaxes(poses[:, :3, :3], 1, 2)
-            seen = plane.intersect(poses[:, None, :3, 3], rays_world)
+            points = plane.intersect(poses[:, None, :3, 3], rays_world)
         except RenderError:
             return math.inf
-        reach_m = max(reach_m, float(abs((seen - center_m) @ sides).max()))
+        reach_m = max(reach_m, float(abs((points - center_m) @ sides).max()))
     return reach_m
 
 

@@ -113,7 +113,7 @@ class _Reader:
         if file.resolve() in self.open:
             raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
         if len(self.files) > _MAX_FILES:
-            raise SceneError(f"{file}: found more than {_MAX_FILES} names of files before it")
+            raise SceneError(f"{file}: the scene names more than {_MAX_FILES} files up to here")
         self.open.append(file.resolve())
         with reading(file, "XML", SceneError):
             root = _parsed(file)
@@ -160,9 +160,9 @@ class _Reader:
         if "$" in name:
             return named_in
         for folder in (*self.folders, self.top.parent):
-            if (found := folder / name).is_file():
-                self.files.append(found)
-                return found
+            if (path := folder / name).is_file():
+                self.files.append(path)
+                return path
         raise SceneError(f"{named_in}: names {name!r}, but {self.top.parent / name} is missing")
 
 

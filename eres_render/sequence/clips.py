@@ -32,14 +32,15 @@ class Clip:
     t_start_s, t_window_start_s, t_window_end_s
         Times on the path, s, in this order; the window must not be empty.
     t_anchor_s
-        A frame time between the start and the window. Frames step from it both ways, so that those
-        after it do not depend on the start; the first frame is the last one at or before the start.
-        None for the start itself.
+        A frame time between the start and the window. Frames step from it both ways, so the frames
+        after it do not depend on the start. The first frame is then at the start or just before it.
+        None is the start itself.
 
     Raises
     ------
     RenderError
-        If times are negative or not in order, the window is empty, or the anchor is the start.
+        If times are negative or not in order, the window is empty, or the anchor is not after the
+        start and up to the window.
 
     Examples
     --------
@@ -65,8 +66,8 @@ class Clip:
         anchor_s = self.t_anchor_s
         if anchor_s is not None and not self.t_start_s < anchor_s <= self.t_window_start_s:
             raise RenderError(
-                f"Clip {self.index}: found an anchor at {anchor_s} s, expected it after the start "
-                f"at {self.t_start_s} s and not after the window's start"
+                f"Clip {self.index}: the anchor at {anchor_s} s is not between the start at "
+                f"{self.t_start_s} s and the window at {self.t_window_start_s} s"
             )
 
     @property
@@ -90,7 +91,7 @@ def clips(
     anchor_s: float = WARM_UP_S,
     samples: int | None = None,
 ) -> list[Clip]:
-    """Return one clip per sample; sample k's window starts at (k + 1/2) * every_s.
+    """Return one clip per sample. The window of sample k starts at (k + 1/2) * every_s.
 
     Parameters
     ----------
@@ -103,13 +104,13 @@ def clips(
     window_s
         Length of a window, s.
     warm_up_s
-        Length of a warm-up; by default six time constants of a 50 Hz filter at twice the speed,
+        Length of a warm-up, s; by default six time constants of a 50 Hz filter at twice the speed,
         `6 * 2 / (2 pi 50 Hz)`.
     anchor_s
-        How long before a window the anchor of a longer warm-up lies, s; see `Clip`. The frames
-        after it are those of a warm-up of this length.
+        Time from the anchor of a longer warm-up to the window, s; see `Clip`. From the anchor on,
+        frames are as with a warm-up of this length.
     samples
-        Number of clips, the first ones; all that fit by default.
+        Number of clips, from the start of the path; by default as many as fit.
 
     Returns
     -------
@@ -124,10 +125,10 @@ def clips(
     Examples
     --------
     >>> from eres_render import clips, load_scene
-    >>> found = clips(load_scene("carpet"))
-    >>> len(found)
+    >>> every = clips(load_scene("carpet"))
+    >>> len(every)
     20
-    >>> found[1].t_window_start_s, found[1].t_window_end_s
+    >>> every[1].t_window_start_s, every[1].t_window_end_s
     (0.75, 0.8)
     """
     duration_s = _checked_duration_s(scene, duration_s)
@@ -146,8 +147,8 @@ def clips(
         needed_s = 0.5 * every_s + window_s
         longer = f"--duration {needed_s:g} or more, or " if needed_s <= scene.duration_s else ""
         raise RenderError(
-            f"no clip fits: found {duration_s:g} s of path, expected at least {needed_s:g} s for "
-            f"the first of them; give {longer}--continuous for one sequence of all of it"
+            f"no clip fits: found {duration_s:g} s of path, expected at least {needed_s:g} s; give "
+            f"{longer}--continuous for one sequence of the whole path"
         )
     count = fitting if samples is None else samples
     if not 1 <= count <= fitting:

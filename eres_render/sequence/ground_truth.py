@@ -37,8 +37,8 @@ class Flow:
     Parameters
     ----------
     flow_px
-        (H, W, 2) float32, x and y displacement of the point seen at the pixel's center. Zero where
-        the point moves behind the camera.
+        (H, W, 2) float32, x and y displacement of the point at the pixel's center. Zero where the
+        point moves behind the camera.
     valid
         (H, W) bool: the point is inside the image at the second time, and visible.
     occluded
@@ -46,7 +46,7 @@ class Flow:
 
     Examples
     --------
-    The camera moves to the right, and the wall that it sees to the left and out of the image:
+    The camera moves to the right, so the wall in view moves to the left and out of the image:
 
     >>> import numpy as np
     >>> from eres_render import Camera, GroundTruth, Plane, path_through
@@ -68,8 +68,8 @@ class Flow:
 class GroundTruth:
     """Depth, flow, moving objects and poses of a camera on its path, at any time and resolution.
 
-    For a plane they are in closed form. Rays at everything else are cast in single precision, with
-    errors of about 1e-6 of the distance. Methods raise `TrajectoryError` for times off the path.
+    For a plane they are exact. Rays to other surfaces are cast in single precision, with errors of
+    about 1e-6 of the distance. Methods raise `TrajectoryError` for times off the path.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ class GroundTruth:
     camera
         The camera of the frames.
     distance
-        Returns the distance along rays to the first surface of what stands still.
+        Returns the distance along rays to the first surface that stands still.
     plane
-        All that stands still, in a planar scene.
+        The plane, if the scene is planar.
     objects
-        All that moves.
+        The moving objects.
 
     Examples
     --------
@@ -128,8 +128,8 @@ class GroundTruth:
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.
 
-        It sees all of the frames, or with a given height their largest central part with that
-        shape, as a sensor does; see `Camera.resized`.
+        It sees the whole frames, or with a given height their largest central part of that aspect
+        ratio, as a sensor does; see `Camera.resized`.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class GroundTruth:
         Returns
         -------
         camera
-            Its `K` is the camera matrix; its lens is that of the frames.
+            Its `K` is the camera matrix. It has the lens of the frames.
         """
         return self._camera.resized(width, height)
 
@@ -164,15 +164,14 @@ class GroundTruth:
         Returns
         -------
         depth
-            (H, W) float32 z-depth at the centers of the pixels, m; inf where nothing is
-            seen.
+            (H, W) float32 z-depth at the centers of the pixels, m; inf without a surface.
         """
         camera = self.camera(width, height)
         depth, _ = self._seen_at_centers(camera, t_s)
         return depth.reshape(camera.height, camera.width).astype(np.float32)
 
     def instances(self, t_s: float, width: int, height: int | None = None) -> NDArray[np.uint8]:
-        """Return which object is seen at a time.
+        """Return which object each pixel sees at a time.
 
         Parameters
         ----------
@@ -207,22 +206,16 @@ class GroundTruth:
             At the centers of the pixels.
         """
         camera = self.camera(width, height)
-        seen = self._seen_at_centers(camera, t_0_s)
-        rays = self._center_rays(camera)
-        flow, valid, occluded = self._flow(camera, camera.centers(), rays, seen, t_0_s, t_1_s)
+        surface, rays = self._seen_at_centers(camera, t_0_s), self._center_rays(camera)
+        flow, valid, occluded = self._flow(camera, camera.centers(), rays, surface, t_0_s, t_1_s)
         shape = camera.height, camera.width
         flow_px = flow.astype(np.float32).reshape(*shape, 2)
         return Flow(flow_px, valid.reshape(shape), occluded.reshape(shape))
 
     def point_flow(
-        self,
-        points_px: Float64,
-        t_0_s: float,
-        t_1_s: float,
-        width: int,
-        height: int | None = None,
+        self, points_px: Float64, t_0_s: float, t_1_s: float, width: int, height: int | None = None
     ) -> tuple[Float64, NDArray[np.bool_]]:
-        """Return the optical flow of the surface points seen at some pixels.
+        """Return the optical flow of the surface points at some pixels.
 
         Parameters
         ----------
@@ -242,8 +235,8 @@ class GroundTruth:
         """
         camera = self.camera(width, height)
         rays = camera.rays(points_px)
-        seen = self._seen(self.pose(t_0_s), t_0_s, rays)
-        flow_px, valid, _ = self._flow(camera, points_px, rays, seen, t_0_s, t_1_s)
+        surface = self._seen(self.pose(t_0_s), t_0_s, rays)
+        flow_px, valid, _ = self._flow(camera, points_px, rays, surface, t_0_s, t_1_s)
         return flow_px, valid
 
     def _flow(
@@ -251,13 +244,13 @@ class GroundTruth:
         camera: Camera,
         points_px: Float64,
         rays: Float64,
-        seen: _Seen,
+        surface: _Seen,
         t_0_s: float,
         t_1_s: float,
     ) -> tuple[Float64, NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the (N, 2) flow of points, and which are then visible and which hidden."""
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
-        depth, number = seen
+        depth, number = surface
         points = _over_depth(np.linalg.inv(T_1) @ T_0, rays, depth)
         for k, body in enumerate(self.objects, start=1):
             on = number == k
@@ -266,21 +259,21 @@ class GroundTruth:
             points[on] = _over_depth(T, rays[on], depth[on])
         ahead = points[:, 2] > 0
         points[~ahead] = 0.0, 0.0, 1.0
-        there = camera.project(points)
+        projected = camera.project(points)
         side = (camera.width, camera.height)
-        inside = ahead & np.all((there >= 0) & (there < side), axis=1)
+        inside = ahead & np.all((projected >= 0) & (projected < side), axis=1)
 
         # A point is visible if no surface is nearer on the ray from the second pose to it; a point
         # at infinity, if the ray meets nothing.
         reach, _ = self._seen(T_1, t_1_s, points[inside])
         valid = inside.copy()
         valid[inside] = reach >= (1 - _OCCLUDER_SHARE) * depth[inside]
-        return np.where(ahead[:, None], there - points_px, 0.0), valid, inside & ~valid
+        return np.where(ahead[:, None], projected - points_px, 0.0), valid, inside & ~valid
 
     def homography(
         self, t_0_s: float, t_1_s: float, width: int, height: int | None = None
     ) -> Float64:
-        """Return the matrix that takes homogeneous pixels at one time to those at another.
+        """Return the matrix that takes homogeneous pixels from one time to another.
 
         Parameters
         ----------
@@ -297,14 +290,14 @@ class GroundTruth:
         Raises
         ------
         SceneError
-            If the scene is not a plane, or the camera has a lens: then no matrix does that.
+            If the scene is not a plane, or the camera has a lens; then there is no such matrix.
         """
         if self.plane is None:
-            raise SceneError("a homography needs a planar scene, one with a [plane]")
+            raise SceneError("a homography needs a planar scene, with a [plane]")
         if self._camera.distortion is not None:
             raise SceneError(
-                f"a homography needs a pinhole: found {self._camera.distortion}, expected none; "
-                "use point_flow, or plane_homography between undistorted positions"
+                f"a homography needs a pinhole, but the lens has {self._camera.distortion}; use "
+                "point_flow, or plane_homography between undistorted positions"
             )
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
@@ -345,12 +338,12 @@ def _over_depth(T: Float64, rays: Float64, depth: Float64) -> Float64:
 def ground_truth(sequence: RadianceSequence) -> GroundTruth:
     """Return the ground truth of a sequence on disk.
 
-    This loads its scene, and if that has depth, Mitsuba.
+    This loads its scene, and Mitsuba too if the scene has depth.
 
     Raises
     ------
     SceneError
-        If the scene is missing, or its surfaces have changed since the sequence was rendered.
+        If the scene is missing, or has changed since the sequence was rendered.
     TrajectoryError
         If the path of an object cannot be read.
 
@@ -397,6 +390,4 @@ def surfaces(
         return plane.distance, ()
     select_variant()
     still, bodies = still_and_bodies(scene, load_mi_scene(scene), objects)
-    if plane is not None:
-        return plane.distance, bodies
-    return still.distance, bodies
+    return (still if plane is None else plane).distance, bodies

@@ -45,29 +45,33 @@ def write_truth(
 ) -> list[Path]:
     """Write the ground truth at some times, and the flow from each to the next.
 
-    Writes `camera.json` (camera matrix K, size, distortion of a lens), `poses.txt` (TUM, on the
-    clock of the poses that define the camera's path, if any), `depth/000000.exr`, ... (float
-    channel Z, meters), `flow/000000.exr`, ... (float channels u and v in px, valid and occluded 0
-    or 1) and on request `flow/000000.png`, ... as in the DSEC dataset. If objects move, also
-    `instances/000000.png`, ... (8 bits, the number of the object at each pixel, 0 for the still
-    world) and the poses T_world_object (TUM) of each object in `objects/001_NAME.txt`, ..., by
-    number and name. If one file cannot be written, all are removed. `camera.json` comes last: where
-    it is missing, a writer was killed.
+    The files are
+
+    - `camera.json`: camera matrix K, size, and the distortion of a lens,
+    - `poses.txt`: TUM, on the clock of the given poses, if there are any,
+    - `depth/000000.exr`, ...: float channel Z, meters,
+    - `flow/000000.exr`, ...: float channels u and v, px; valid and occluded, 0 or 1,
+    - `flow/000000.png`, ...: on request, as in the DSEC dataset,
+    - if objects move, `instances/000000.png`, ...: 8 bits, the number of the object at each pixel,
+      0 for the still world; and `objects/001_NAME.txt`, ...: poses T_world_object (TUM).
+
+    If a file cannot be written, all are removed. `camera.json` is written last and marks the truth
+    as complete.
 
     Parameters
     ----------
     truth
         The ground truth to write.
     out_dir
-        Folder of the files; made if it does not exist.
+        Folder of the files, created if it does not exist.
     t_s
         (T,) increasing times on the path, seconds.
     width, height
         Size of the images, px; see `GroundTruth.camera`.
     flow_png
-        Write flow as DSEC's PNG too.
+        Also write flow as DSEC's PNG.
     overwrite
-        Replace ground truth that the folder holds; other files there stay.
+        Replace ground truth in the folder; other files stay.
     on_progress
         Called after each time.
 
@@ -79,7 +83,7 @@ def write_truth(
     Raises
     ------
     RenderError
-        If times do not increase, the folder holds ground truth or a sequence, cannot be written,
+        If times do not increase, the folder holds ground truth or a sequence or cannot be written,
         or a flow does not fit into a PNG.
 
     Examples
@@ -102,14 +106,14 @@ def write_truth(
     path = truth.trajectory  # times that it does not have are refused before anything is deleted
     poses = tum_text(times, path.pose(times), path.t_offset_us)
     of_objects = [
-        tum_text(times, one.pose(times), path.t_offset_us, "T_world_object")
-        for one in truth.objects
+        tum_text(times, body.pose(times), path.t_offset_us, "T_world_object")
+        for body in truth.objects
     ]
     out_dir = Path(out_dir)
     _make_room(out_dir, overwrite)
     inside = ["depth", "flow", *(["instances", "objects"] if truth.objects else [])]
     folders = [out_dir, *(out_dir / name for name in inside)]
-    made = [folder for folder in folders if not folder.is_dir()]
+    new_folders = [folder for folder in folders if not folder.is_dir()]
     files: list[Path] = []
 
     def write(name: str, to_file: Callable[[Path], object]) -> None:
@@ -122,17 +126,19 @@ def write_truth(
         for folder in folders:
             make_folder(folder)
         write("poses.txt", lambda file: write_text(file, poses))
-        for k, (one, text) in enumerate(zip(truth.objects, of_objects, strict=True), start=1):
-            write(f"objects/{k:03d}_{one.name}.txt", partial(write_text, text=text))
+        for k, (body, text) in enumerate(zip(truth.objects, of_objects, strict=True), start=1):
+            write(f"objects/{k:03d}_{body.name}.txt", partial(write_text, text=text))
         for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
             depth = truth.depth(t_0, width, height)
-            write(f"depth/{i:06d}.exr", partial(_write_depth, depth=depth))
+            write(f"depth/{i:06d}.exr", partial(_write_exr, channels={"Z": depth}))
             if truth.objects:
                 instances = truth.instances(t_0, width, height)
                 write(f"instances/{i:06d}.png", partial(_write_png, pixels=instances))
             if t_1 is not None:
                 flow = truth.flow(t_0, t_1, width, height)
-                write(f"flow/{i:06d}.exr", partial(_write_flow, flow=flow))
+                u, v = np.moveaxis(flow.flow_px, 2, 0)
+                channels = {"u": u, "v": v, "valid": flow.valid, "occluded": flow.occluded}
+                write(f"flow/{i:06d}.exr", partial(_write_exr, channels=channels))
                 if flow_png:
                     write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
             on_progress("ground truth", i + 1, len(times))
@@ -143,7 +149,7 @@ def write_truth(
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)
-        for folder in reversed(made):
+        for folder in reversed(new_folders):
             with suppress(OSError):  # it was not made, or holds other files
                 folder.rmdir()
         raise
@@ -154,7 +160,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that holds a sequence or ground truth, or remove the ground truth."""
     if (folder / "manifest.json").exists():
         raise RenderError(
-            f"{folder}: found a sequence; truth would replace its poses.txt; write elsewhere"
+            f"{folder}: holds a sequence, whose poses.txt would be replaced; write elsewhere"
         )
     clear_unfinished(folder)
     kinds = ("depth/*.exr", "flow/*.exr", "flow/*.png", "instances/*.png")
@@ -165,9 +171,10 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     if old and not overwrite:
         raise RenderError(
             f"{folder}: contains truth already, {len(old)} files such as {old[0].name}; add "
-            "--overwrite to replace it, or write elsewhere"
+            "--overwrite to replace them, or write elsewhere"
         )
-    for file in sorted(old, key=lambda one: one.name != "camera.json"):  # first, as it comes last
+    # camera.json first: it is written last, and marks the truth as complete.
+    for file in sorted(old, key=lambda file: file.name != "camera.json"):
         try:
             file.unlink()
         except OSError as error:
@@ -211,15 +218,6 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     return t_s
 
 
-def _write_depth(path: Path, depth: NDArray[np.float32]) -> None:
-    _write_float_exr(path, {"Z": depth})
-
-
-def _write_flow(path: Path, flow: Flow) -> None:
-    u, v = np.moveaxis(flow.flow_px, 2, 0)
-    _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid, "occluded": flow.occluded})
-
-
 def write_flow_png(path: Path, flow: Flow) -> None:
     """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
 
@@ -228,7 +226,7 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     code = np.round(flow.flow_px * _PNG_PER_PX) + _PNG_ZERO
     code = np.where(flow.valid[..., None], code, 0)
     if code.min() < 0 or code.max() > np.iinfo(np.uint16).max:
-        raise RenderError(f"{path}: found a flow of 256 px or more, which does not fit such a file")
+        raise RenderError(f"{path}: found a flow of 256 px or more, which does not fit into a PNG")
     rgb = np.dstack([code, flow.valid]).astype(np.uint16)
     _write_png(path, rgb[..., ::-1])  # OpenCV's order is blue, green, red
 
@@ -240,6 +238,6 @@ def _write_png(path: Path, pixels: NDArray[np.unsignedinteger]) -> None:
     write_bytes(path, data.tobytes())
 
 
-def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:
+def _write_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:
     planes = {name: np.ascontiguousarray(c, dtype=np.float32) for name, c in channels.items()}
     write_channels(path, planes)

@@ -36,17 +36,17 @@ class Noise:
     log_noise
         Standard deviation of a pixel's log radiance, root mean square over pixels and frames.
     contrast_threshold
-        Threshold of the ideal pixel that sees the frames, as fine as a pixel of the render.
+        Threshold of the ideal pixel that sees the frames. It has the size of a pixel of the render.
     events_hz
         Its event rate.
     false_events_hz
-        The excess of that rate over the rate at `REPEATS` times the samples per pixel, where the
-        same light has less noise. Noise also loses events; this is the balance.
+        Excess of that rate over the rate at `REPEATS` times the samples per pixel, where the same
+        light has less noise. Noise adds and removes events; this is the difference.
     false_events_error_hz
         Standard error of the excess, from the choice of pixels.
     log_noise_of_quarter
-        `log_noise` at `REPEATS / 4` times the samples: a quarter of `log_noise` if errors average
-        out.
+        `log_noise` at `REPEATS / 4` times the samples. It is a quarter of `log_noise` if errors
+        average out.
 
     Examples
     --------
@@ -70,8 +70,8 @@ class Noise:
     def averages_out(self) -> bool:
         """Whether 16 times the samples at least halve the noise.
 
-        If not, rare paths carry much of the light. Most renders miss them; with more samples they
-        appear as noise and can cause more events, so there is no reference for events.
+        If not, rare paths carry much of the light. Most renders miss them, and with more samples
+        they appear as noise and can cause more events. So there is no reference for events.
         """
         return self.log_noise_of_quarter <= 0.5 * self.log_noise
 
@@ -180,17 +180,17 @@ def measure_noise(
 ) -> Noise:
     """Measure the noise of clips that are to be rendered, and the events that it causes.
 
-    All frames of up to four stretches of at most 0.25 s, spread evenly over the clips, are rendered
-    at a few random pixels, each `REPEATS` times with different random numbers. Ideal pixels then
-    see each of these renders, and their mean. The cost is at most a twentieth of the samples
-    of the clips, or a few seconds if that is more, but at least 16 pixels are measured.
+    A few random pixels are rendered in all frames of up to four stretches of at most 0.25 s, spread
+    evenly over the clips: `REPEATS` times, with different random numbers. Ideal pixels then see
+    each of these renders, and their mean. The cost is at most a twentieth of the samples of the
+    clips, or a few seconds if that is more, but at least 16 pixels are measured.
 
     Parameters
     ----------
     renderer
         Renders the clips.
     clips
-        At least one.
+        One or more clips.
     max_displacement_px
         Largest motion from frame to frame, px.
     contrast_threshold
@@ -269,16 +269,11 @@ def measure_noise(
 
 def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
     """Return the starts and ends of the stretches of clips that are measured."""
-    cut = [
-        (start_s, min(start_s + _MAX_STRETCH_S, clip.t_window_end_s))
-        for clip in clips
-        for start_s in _starts_s(clip)
-    ]
+    cut = []
+    for clip in clips:
+        # A last stretch of a microsecond or less is left out.
+        starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _MAX_STRETCH_S).tolist()
+        for start_s in starts_s or [clip.t_start_s]:
+            cut.append((start_s, min(start_s + _MAX_STRETCH_S, clip.t_window_end_s)))
     count = min(_STRETCHES, len(cut))
     return [cut[int((k + 0.5) * len(cut) / count)] for k in range(count)]
-
-
-def _starts_s(clip: Clip) -> list[float]:
-    """Return where stretches of a clip start; a last one of a microsecond or less is left out."""
-    starts_s = np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _MAX_STRETCH_S).tolist()
-    return starts_s or [clip.t_start_s]

@@ -21,12 +21,7 @@ from eres_render.rendering.backend import release_render_memory
 from eres_render.rendering.renderer import Integrator, Renderer
 from eres_render.scene.scene import Scene
 from eres_render.sequence.clips import Clip, clips, continuous_stretch
-from eres_render.sequence.manifest import (
-    FORMAT_VERSION,
-    RENDER_VERSION,
-    Manifest,
-    plane_values,
-)
+from eres_render.sequence.manifest import FORMAT_VERSION, RENDER_VERSION, Manifest, plane_values
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.sequence.sequence import (
     RadianceSequence,
@@ -64,9 +59,9 @@ class _ClipInProgress(RadianceSequence):
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         self.wait()
-        for i, found in enumerate(read_ahead(self.writer.read, len(self))):
+        for i, stored in enumerate(read_ahead(self.writer.read, len(self))):
             with self.one_at_a_time:
-                frame = self._whole(i, found)
+                frame = self._whole(i, stored)
             yield frame
 
     def frame(self, i: int) -> NDArray[np.float32]:
@@ -81,10 +76,10 @@ class _ClipInProgress(RadianceSequence):
         for write in self.last_write:
             write.result()
 
-    def _whole(self, i: int, found: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    def _whole(self, i: int, stored: NDArray[np.float32] | None) -> NDArray[np.float32]:
         self.unread.discard(i)
-        if found is not None:
-            return found
+        if stored is not None:
+            return stored
         started_s = time.perf_counter()
         radiance = self.renderer.frame(self.poses[i], t_s=self.manifest.t_s[i])
         half = to_half(radiance, self.writer.file(i))
@@ -115,8 +110,8 @@ def clip_in_progress(
     """Open a clip as a sequence whose missing frames are rendered when they are first read.
 
     Frames are so close in time that no point of the image moves farther than `max_displacement_px`
-    from one to the next. They are also written into a folder, and are the same to the bit when they
-    are read from there. While another process renders into the folder, this one waits.
+    between two of them. They are also written into a folder, and read back the same to the bit.
+    While another process renders into the folder, this process waits.
 
     Parameters
     ----------
@@ -128,24 +123,24 @@ def clip_in_progress(
         The sequence's own folder. If it holds an unfinished sequence with exactly these settings,
         only the missing frames are rendered.
     max_displacement_px
-        In pixels of the render.
+        Largest motion from frame to frame, in pixels of the render.
     compression
-        Compression of the files; none by default, which costs the least time.
+        Compression of the files; the default, none, costs the least time.
     on_progress
         Called after each rendered frame, with the number of frames up to this one.
     frame_times
-        `adaptive_times`, or `paced_times`, which costs less where cameras and objects move fast and
+        `adaptive_times`; or `paced_times`, which costs less if cameras and objects move fast and
         evenly.
 
     Yields
     ------
-    The sequence. It is complete on disk after the context if every frame was read in it.
+    The sequence. It is complete on disk after the context if all its frames were read.
 
     Raises
     ------
     RenderError
-        If the clip ends after the path, or the folder holds a sequence with other settings, or
-        cannot be written; finished frames stay.
+        If the clip ends after the path, or the folder holds a sequence with other settings or
+        cannot be written. Finished frames stay.
 
     Examples
     --------
@@ -162,8 +157,8 @@ def clip_in_progress(
     out_dir = Path(out_dir)
     if clip.t_window_end_s > renderer.scene.duration_s:
         raise RenderError(
-            f"Clip {clip.index}: found an end at {clip.t_window_end_s:g} s, expected at most "
-            f"{renderer.scene.duration_s:g} s, the duration of {renderer.scene.path_name}"
+            f"Clip {clip.index}: ends at {clip.t_window_end_s:g} s, after the end of "
+            f"{renderer.scene.path_name}, {renderer.scene.duration_s:g} s"
         )
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     if clip.t_anchor_s is not None:
@@ -237,7 +232,7 @@ def render_clip(
     on_progress: Progress = silent,
     frame_times: FrameTimes = adaptive_times,
 ) -> RadianceSequence:
-    """Render one clip into a folder, or finish it where a killed render stopped.
+    """Render a clip into a folder, or finish what a killed render left.
 
     Parameters
     ----------
@@ -287,8 +282,8 @@ def render_scene(
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    Frames that exist are kept. Warnings say how noisy path-traced frames are and how many false
-    events the noise causes, and whether frames are far apart.
+    Existing frames are not rendered again. Warnings give the noise of path-traced frames and the
+    number of false events that it causes, and say if frames are far apart.
 
     Parameters
     ----------
@@ -297,7 +292,7 @@ def render_scene(
     out_dir
         Folder of the sequences.
     resolution
-        Side of the square image in pixels, where no camera is given.
+        Side of the square image in pixels, if no camera is given.
     spp, seed, integrator, camera
         As for `Renderer`.
     duration_s, samples
@@ -305,12 +300,12 @@ def render_scene(
     max_displacement_px
         As for `render_clip`.
     continuous
-        Render everything from the path's start to `duration_s` into `out_dir/continuous`, instead
-        of clips. Memory does not grow with the number of frames.
+        Instead of clips, render the path up to `duration_s` into `out_dir/continuous`. Memory does
+        not grow with the number of frames.
     warm_up_s
-        Length of each clip before its window, s; that of `clips` by default.
+        Length of each clip before its window, s; by default as in `clips`.
     on_progress
-        Called while light is baked, and as the frames of each sequence are done.
+        Called while light is baked, and for each rendered frame.
 
     Returns
     -------
@@ -332,15 +327,14 @@ def render_scene(
     """
     scene.trajectory(camera)  # a bad path is refused before anything is loaded or baked
     if continuous:
-        if samples is not None:
-            raise RenderError(f"samples: found {samples}, but a continuous sequence has no clips")
-        if warm_up_s is not None:
-            raise RenderError(f"warm_up: found {warm_up_s}, but a continuous sequence has no clips")
+        for name, value in (("samples", samples), ("warm_up", warm_up_s)):
+            if value is not None:
+                raise RenderError(f"{name}: found {value}, but a continuous sequence has no clips")
         wanted = {"continuous": continuous_stretch(scene, duration_s)}
     else:
         before = {} if warm_up_s is None else {"warm_up_s": warm_up_s}
-        found = clips(scene, duration_s, samples=samples, **before)
-        wanted = {f"clip_{c.index:03d}": c for c in found}
+        fitting = clips(scene, duration_s, samples=samples, **before)
+        wanted = {f"clip_{c.index:03d}": c for c in fitting}
     warn_if_far_apart(scene.name, max_displacement_px)
     renderer = Renderer(scene, resolution, spp, seed, integrator, on_progress, camera=camera)
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)

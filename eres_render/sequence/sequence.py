@@ -57,7 +57,8 @@ class Rendered:
 class RadianceSequence:
     """A complete sequence on disk; frames are read on demand.
 
-    Iterating yields the frames in order, (H, W) float32 each; all cores decode the next ones.
+    Iterating yields the frames in order, (H, W) float32 each, while all cores decode the following
+    frames.
 
     Examples
     --------
@@ -84,10 +85,10 @@ class RadianceSequence:
         return len(self.manifest.t_s)
 
     def __repr__(self) -> str:
-        made, t_s = self.manifest, self.manifest.t_s
+        t_s = self.manifest.t_s
         return (
-            f"RadianceSequence({len(self)} frames of {made.width}x{self.height} px, {made.scene}, "
-            f"{t_s[0]:g}..{t_s[-1]:g} s, {str(self.folder)!r})"
+            f"RadianceSequence({len(self)} frames of {self.width}x{self.height} px, "
+            f"{self.manifest.scene}, {t_s[0]:g}..{t_s[-1]:g} s, {str(self.folder)!r})"
         )
 
     def __iter__(self) -> Iterator[Float32]:
@@ -100,17 +101,17 @@ class RadianceSequence:
 
     @property
     def t_offset_us(self) -> int:
-        """Time 0 on the clock of the poses that define the path, microseconds; mostly 0."""
+        """Time 0 on the clock of the given poses, microseconds; usually 0."""
         return self.manifest.t_offset_us
 
     @property
     def window_s(self) -> tuple[float, float]:
-        """Start and end of the window that is evaluated; frames before it are warm-up."""
+        """Start and end of the window that is evaluated; earlier frames are warm-up."""
         return self.manifest.window_s
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the window is the whole sequence, from the path's start on."""
+        """Whether the sequence starts with the path, and the window is all of it."""
         return self.manifest.t_s[0] == 0 and self.window_s == (0, self.manifest.t_s[-1])
 
     @property
@@ -120,7 +121,7 @@ class RadianceSequence:
 
     @property
     def scene_source(self) -> str:
-        """The argument with which `load_scene` finds the scene, also one inside the folder."""
+        """The argument with which `load_scene` finds the scene, also a scene in the folder."""
         inside = self.folder / self.manifest.scene_source
         return str(inside) if inside.exists() else self.manifest.scene_source
 
@@ -145,7 +146,7 @@ class RadianceSequence:
         Raises
         ------
         SequenceError
-            If the frame's file is missing, truncated or of a different size, holds NaN, infinite or
+            If the frame's file is missing, truncated or of a different size, has NaN, infinite or
             negative values, or has changed since it was rendered.
         IndexError
             If there is no frame i; negative numbers do not count from the end.
@@ -164,10 +165,10 @@ def read_ahead(read: Callable[[int], T], count: int) -> Iterator[T]:
     with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
         ahead = deque(readers.submit(read, i) for i in range(min(at_once, count)))
         for i in range(count):
-            found = ahead.popleft().result()
+            value = ahead.popleft().result()
             if i + at_once < count:
                 ahead.append(readers.submit(read, i + at_once))
-            yield found
+            yield value
 
 
 def open_sequence(path: str | Path) -> RadianceSequence:
@@ -176,8 +177,8 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     Raises
     ------
     SequenceError
-        If the manifest, the poses or a frame is missing, or they contradict each other. Frames are
-        checked when they are read.
+        If the manifest, the poses or a frame is missing, or they contradict each other. The content
+        of frames is checked when they are read.
 
     Examples
     --------
@@ -198,13 +199,13 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         inside = sorted(file.parent for file in folder.glob("*/manifest.json"))
         if inside:
             raise SequenceError(
-                f"{folder}: found a folder of sequences, expected one of them: give {inside[0]}"
-                f"{f' or another of {len(inside)}' if len(inside) > 1 else ''}"
+                f"{folder}: found a folder of {len(inside)} sequences; give a sequence, such as "
+                f"{inside[0]}"
             )
         if any(file.suffix.lower() in _IMAGES for file in folder.glob("*.*")):
             raise SequenceError(
-                f"{folder}: found images, expected the folder of a rendered sequence; footage "
-                "becomes events by `eres simulate` first"
+                f"{folder}: found images, expected the folder of a rendered sequence; `eres "
+                "simulate` turns footage into events"
             )
     manifest = read_manifest(folder)
     frames = [_frame_file(folder, i) for i in range(len(manifest.t_s))]
@@ -219,7 +220,7 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     checksums = read_sums(folder)
     without = [i for i in range(len(frames)) if _frame_name(i) not in checksums]
     if without:
-        raise SequenceError(f"{folder / FILE_NAME}: found no line for {_frame_name(without[0])}")
+        raise SequenceError(f"{folder / FILE_NAME}: has no line for {_frame_name(without[0])}")
     return RadianceSequence(folder, manifest, *read_path(folder, manifest), checksums)
 
 
@@ -241,13 +242,13 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
         trajectory = Trajectory(*controls, manifest.t_offset_us)
     if not np.array_equal(t_s, manifest.t_s):
         raise SequenceError(
-            f"{poses_file}: found {len(t_s)} poses whose times are not those of the "
+            f"{poses_file}: the times of its {len(t_s)} poses differ from those of the "
             f"{len(manifest.t_s)} frames in manifest.json"
         )
     if t_s[-1] > trajectory.duration_s + 1e-9 or not np.allclose(
         trajectory.pose(t_s), T_world_cam, rtol=0, atol=1e-9
     ):
-        raise SequenceError(f"{path_file}: found a path that does not pass through {poses_file}")
+        raise SequenceError(f"{path_file}: the path does not pass through {poses_file}")
     return T_world_cam, trajectory
 
 
@@ -288,28 +289,28 @@ class SequenceWriter:
         self._compression: Compression = compression
         self.manifest = dataclasses.replace(manifest, complete=False)
         self._is_complete = False  # on disk
-        there = (folder / "manifest.json").exists()
-        if there:
-            found = read_manifest(folder)
-            self._check_same(found)
-            self._is_complete = found.complete
+        exists = (folder / "manifest.json").exists()
+        if exists:
+            old = read_manifest(folder)
+            self._check_same(old)
+            self._is_complete = old.complete
         make_folder(folder / "frames")
         offset_us, t_s = manifest.t_offset_us, np.array(manifest.t_s)
         path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
         write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
         write_text(folder / "path.txt", path)
-        self.checksums = read_sums(folder) if there else {}  # of these settings
+        self.checksums = read_sums(folder) if exists else {}  # of these settings
         write_sums(folder, self.checksums)  # without lines that a kill left unfinished
         if not self._is_complete:
             write_manifest(folder, self.manifest)
 
-    def _check_same(self, found: Manifest) -> None:
+    def _check_same(self, other: Manifest) -> None:
         """Refuse a manifest of other frames; the place of the scene does not matter."""
         for name in (field.name for field in dataclasses.fields(Manifest)):
-            old, new = getattr(found, name), getattr(self.manifest, name)
-            if name in ("complete", "scene_source") or old == new:
-                continue
-            if name == "plane" and old is None:  # older files do not say; scene_digest does
+            old, new = getattr(other, name), getattr(self.manifest, name)
+            # Older files do not have the plane; scene_digest covers it.
+            same = old == new or (name == "plane" and old is None)
+            if same or name in ("complete", "scene_source"):
                 continue
             change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
             raise RenderError(
@@ -384,7 +385,7 @@ def _read_frame(
         )
     if not intact:
         raise SequenceError(
-            f"{path}: found bytes that differ from those rendered, by its SHA-256 in {FILE_NAME}; "
-            "remove it and render again"
+            f"{path}: has changed since it was rendered, by its SHA-256 in {FILE_NAME}; remove it "
+            "and render again"
         )
     return radiance

@@ -22,7 +22,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        file = next(one for one in (folder, *folder.parents) if one.exists())
+        file = next(path for path in (folder, *folder.parents) if path.exists())
         raise RenderError(f"{file}: found a file, expected a folder") from error
     except OSError as error:
         raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -38,17 +38,17 @@ def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
     process = f"{_machine()}.{os.getpid()}.{uuid4().hex[:8]}"
-    made = path.with_name(f".{path.name[:48]}.{process}.unfinished")
-    lock = made.with_suffix(".lock")
+    new = path.with_name(f".{path.name[:48]}.{process}.unfinished")
+    lock = new.with_suffix(".lock")
     try:
         with ExitStack() as held:
             with suppress(OSError, ImportError):
                 held.enter_context(_locked(lock, "ab"))
             if folder:
-                made.mkdir()
-            yield made
+                new.mkdir()
+            yield new
     finally:
-        _remove(made)
+        _remove(new)
         _remove(lock)
 
 
@@ -60,30 +60,28 @@ def clear_unfinished(folder: Path, name: str | None = None) -> None:
     inside = folder.rglob if name is None else folder.glob
     of_name = ".+" if name is None else re.escape(name[:48])
     for lock in list(inside(".*.lock")):
-        found = re.fullmatch(rf"\.{of_name}\.([^.]*)\.(\d+)\.[0-9a-f]{{8}}\.lock", lock.name)
-        if found is None:
+        match = re.fullmatch(rf"\.{of_name}\.([^.]*)\.(\d+)\.[0-9a-f]{{8}}\.lock", lock.name)
+        if match is None:
             continue
-        machine, process = found.groups()
-        made = lock.with_suffix(".unfinished")
+        machine, process = match.groups()
+        new = lock.with_suffix(".unfinished")
         try:
             with _locked(lock, "r+b"):
                 if machine == _machine():
-                    _remove(made)
+                    _remove(new)
                     _remove(lock)
                     continue
         except (BlockingIOError, FileNotFoundError):  # it is being written, or was finished
             continue
         except (OSError, ImportError):
             pass
-        _log.warning(
-            "%s: left by process %s on %s; remove it if that ended", made, process, machine
-        )
+        _log.warning("%s: left by process %s on %s; remove it if that ended", new, process, machine)
 
 
 def remove_unfinished(folder: Path) -> None:
     """Remove all temporary files in a folder to which no other process writes."""
-    for made in (*folder.rglob(".*.unfinished"), *folder.rglob(".*.lock")):
-        _remove(made)
+    for new in (*folder.rglob(".*.unfinished"), *folder.rglob(".*.lock")):
+        _remove(new)
 
 
 def _machine() -> str:
@@ -100,11 +98,11 @@ def _locked(path: Path, mode: str) -> Iterator[None]:
         yield
 
 
-def _remove(made: Path) -> None:
-    if made.is_dir():
-        shutil.rmtree(made, ignore_errors=True)
+def _remove(new: Path) -> None:
+    if new.is_dir():
+        shutil.rmtree(new, ignore_errors=True)
     else:
-        made.unlink(missing_ok=True)
+        new.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -116,35 +114,35 @@ def new_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RenderError(f"{path}: found a device or a pipe, expected a file or a new name")
     make_folder(path.parent)
-    made = None
+    new = None
     try:
-        with unfinished(path) as made:
-            yield made
+        with unfinished(path) as new:
+            yield new
             if overwrite:
-                os.replace(made, path)
+                os.replace(new, path)
             else:
-                _give_new_name(made, path)
+                _give_new_name(new, path)
     except OSError as error:
-        if error.filename is not None and made is not None and str(error.filename) != str(made):
+        if error.filename is not None and new is not None and str(error.filename) != str(new):
             raise  # about another file, such as one that was read in the context
         raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _give_new_name(made: Path, path: Path) -> None:
+def _give_new_name(new: Path, path: Path) -> None:
     try:
-        os.link(made, path)  # unlike a rename, replaces no file
+        os.link(new, path)  # unlike a rename, replaces no file
     except OSError:
         if os.path.lexists(path):
             raise RenderError(
                 f"{path}: appeared meanwhile and is kept; the new file is removed"
             ) from None
-        os.rename(made, path)  # on a file system without links
+        os.rename(new, path)  # on a file system without links
 
 
 def write_bytes(path: Path, data: bytes | memoryview, *, overwrite: bool = True) -> None:
     """Write a file under a temporary name in its folder, then rename it."""
-    with new_file(path, overwrite=overwrite) as made:
-        made.write_bytes(data)
+    with new_file(path, overwrite=overwrite) as new:
+        new.write_bytes(data)
 
 
 def encoded(text: str) -> bytes:

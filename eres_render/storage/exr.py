@@ -58,9 +58,7 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
 
 
 def write_luminance(
-    path: Path,
-    image: NDArray[np.floating],
-    attributes: Mapping[str, str] | None = None,
+    path: Path, image: NDArray[np.floating], attributes: Mapping[str, str] | None = None
 ) -> None:
     """Write an image as the half-float channel Y.
 
@@ -123,7 +121,7 @@ def read_luminance(
     chosen = find_layer(path, layer, intact=intact)
     prefix = chosen.prefix
     with _open(path, expected="a whole image", silent=not intact) as file:
-        part = {one.part_index: one for one in file.parts}[chosen.part]  # damaged ones are left out
+        part = next(part for part in file.parts if part.part_index == chosen.part)
         header, channels = part.header, part.channels
         if prefix + "Y" in channels:
             image = np.asarray(channels[prefix + "Y"].pixels, dtype=np.float32)
@@ -166,29 +164,23 @@ def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -
             "a pixel"
         )
     if wanted is not None:
-        choices = [[one for one in layers if one.name == wanted]]
+        choices = [[layer for layer in layers if layer.name == wanted]]
     else:
-        choices = [
-            [one for one in layers if not one.prefix],
-            layers,
-            [one for one in layers if one.name.rpartition(".")[2] == "Combined"],
-        ]
+        combined = [layer for layer in layers if layer.name.rpartition(".")[2] == "Combined"]
+        choices = [[layer for layer in layers if not layer.prefix], layers, combined]
     for choice in choices:
         if len(choice) == 1:
             return choice[0]
-    listed = ", ".join(one.name or "(none)" for one in layers)
-    expected = "one; name it with --layer" if wanted is None else f"{wanted!r}, as --layer says"
-    raise RenderError(f"{path}: found layers {listed}, expected {expected}")
+    listed = ", ".join(layer.name or "(none)" for layer in layers)
+    what = "name one of them with --layer" if wanted is None else f"none is {wanted!r} (--layer)"
+    raise RenderError(f"{path}: found layers {listed}; {what}")
 
 
 def _prefixes(names: list[str]) -> list[str]:
     """Return what stands before R, G and B, or before a Y without a layer: "" or "layer."."""
     prefixes = dict.fromkeys(name[: name.rfind(".") + 1] for name in names)
-    return [
-        prefix
-        for prefix in prefixes
-        if {prefix + c for c in "RGB"} <= set(names) or (prefix == "" and "Y" in names)
-    ]
+    colors = {prefix: {prefix + c for c in "RGB"} for prefix in prefixes}
+    return [p for p in prefixes if colors[p] <= {*names} or (p == "" and "Y" in names)]
 
 
 def _layer_name(part: str, prefix: str) -> str:
@@ -260,17 +252,17 @@ def _silence() -> Iterator[None]:
     flush_all = ctypes.CDLL(None).fflush
     with _silencing, open(os.devnull, "wb") as nowhere:
         flush_all(None)
-        kept = {}
+        copies = {}
         for stream in (1, 2):
             with suppress(OSError):  # the process may not have this stream
-                kept[stream] = os.dup(stream)
+                copies[stream] = os.dup(stream)
         try:
-            for stream in kept:
+            for stream in copies:
                 os.dup2(nowhere.fileno(), stream)
             yield
         finally:
             flush_all(None)
-            for stream, copy in kept.items():
+            for stream, copy in copies.items():
                 os.dup2(copy, stream)
                 os.close(copy)
 
@@ -298,5 +290,5 @@ def _open(
     except OSError:  # of the system
         raise
     except Exception as error:  # what a damaged file makes of the library cannot be listed
-        found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
-        raise RenderError(f"{path}: found {found}, expected {expected}") from error
+        content = f"{path.stat().st_size} bytes that OpenEXR cannot read"
+        raise RenderError(f"{path}: found {content}, expected {expected}") from error

@@ -27,8 +27,9 @@ def use_python_numbers(settings: Any) -> None:
     >>> Settings(np.int64(64), np.array([50.0, 200.0]))
     Settings(width=64, cutoffs_hz=(50.0, 200.0))
     """
-    for one in fields(settings):
-        object.__setattr__(settings, one.name, _with_python_numbers(getattr(settings, one.name)))
+    for field in fields(settings):
+        value = _with_python_numbers(getattr(settings, field.name))
+        object.__setattr__(settings, field.name, value)
 
 
 def _with_python_numbers(value: Any) -> Any:
@@ -59,10 +60,10 @@ def json_values(value: object, optional: Collection[str] = ()) -> Any:
     {'width': 64, 'cutoffs_hz': [200.0, 'inf']}
     """
     if is_dataclass(value):
-        named = {one.name: getattr(value, one.name) for one in fields(value)}
-        value = {name: one for name, one in named.items() if name not in optional or one}
+        named = {field.name: getattr(value, field.name) for field in fields(value)}
+        value = {name: item for name, item in named.items() if name not in optional or item}
     if isinstance(value, Mapping):
-        return {name: json_values(one, optional) for name, one in value.items()}
+        return {name: json_values(item, optional) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [json_values(one, optional) for one in value]
+        return [json_values(item, optional) for item in value]
     return "inf" if value == math.inf else value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -39,24 +39,20 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
 def _acquired(path: Path, how: int) -> BinaryIO:
     """Return the locked file, which holds the lock until it is closed."""
     while True:
-        file = _opened(path)
-        try:
-            fcntl.flock(file, how)
-        except BlockingIOError:
-            file.close()
-            raise LockedError(f"{path}: another process holds the lock") from None
-        except OSError as error:  # a file system without locks
-            file.close()
-            raise RenderError(
-                f"{path.parent}: cannot be locked: {error.strerror}; use a local disk (ERES_CACHE "
-                "names the folder of the cache)"
-            ) from error
-        except BaseException:
-            file.close()
-            raise
-        if _is_at(path, file):
-            return file
-        file.close()  # the previous holder deleted the file while we waited
+        with ExitStack() as stack:
+            file = stack.enter_context(_opened(path))
+            try:
+                fcntl.flock(file, how)
+            except BlockingIOError:
+                raise LockedError(f"{path}: another process holds the lock") from None
+            except OSError as error:  # a file system without locks
+                raise RenderError(
+                    f"{path.parent}: cannot be locked: {error.strerror}; use a local disk "
+                    "(ERES_CACHE names the folder of the cache)"
+                ) from error
+            if _is_at(path, file):  # or the previous holder deleted the file while we waited
+                stack.pop_all()
+                return file
 
 
 def _opened(path: Path) -> BinaryIO:

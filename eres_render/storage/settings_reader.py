@@ -89,9 +89,9 @@ def check_nesting(found: Any) -> None:
     level, depth = [found], 0
     while level := [
         inner
-        for one in level
-        if isinstance(one, dict | list)
-        for inner in (one.values() if isinstance(one, dict) else one)
+        for inside in level
+        if isinstance(inside, dict | list)
+        for inner in (inside.values() if isinstance(inside, dict) else inside)
     ]:
         depth += 1
         if depth > _MAX_NESTED:

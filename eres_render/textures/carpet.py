@@ -79,9 +79,6 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
     """Return the yarn's reflectance at points in meters from the carpet's center."""
     yarn = np.full(x.shape, _RED, dtype=np.float32)
 
-    def paint(where: Bool, reflectance: float) -> None:
-        yarn[where] = reflectance
-
     def octagon(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the half-width of the octagon, a little wider than high, through (u, v)."""
         return np.maximum(np.maximum(abs(u), 1.2 * abs(v)), 0.72 * (abs(u) + 1.2 * abs(v)))
@@ -99,56 +96,54 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
 
     # The ground: a lattice of fine lines with a flower in each mesh.
     u, v = repeat(x, 0.115), repeat(y, 0.095)
-    paint(diamond(u, v) < 0.036, _ROSE)
-    paint(diamond(u, v) < 0.017, _UMBER)
+    yarn[diamond(u, v) < 0.036] = _ROSE
+    yarn[diamond(u, v) < 0.017] = _UMBER
 
     # Lines that join the guls, and the small guls where they are farthest from the large ones.
     gul_x_m, gul_y_m = 0.46, 0.38
     u, v = repeat(x, gul_x_m), repeat(y, gul_y_m)
-    paint((abs(u) < 0.010) | (abs(v) < 0.010), _INDIGO)
+    yarn[(abs(u) < 0.010) | (abs(v) < 0.010)] = _INDIGO
     s, t = repeat(x + 0.5 * gul_x_m, gul_x_m), repeat(y + 0.5 * gul_y_m, gul_y_m)
     for size_m, reflectance in ((0.106, _UMBER), (0.092, _IVORY), (0.070, _INDIGO), (0.052, _GOLD)):
-        paint(diamond(s, 1.2 * t) < size_m, reflectance)
-    paint((abs(s) < 0.012) & (abs(t) < 0.075), _UMBER)
-    paint((abs(t) < 0.012) & (abs(s) < 0.095), _UMBER)
-    paint(star(s, t) < 0.016, _IVORY)
+        yarn[diamond(s, 1.2 * t) < size_m] = reflectance
+    yarn[(abs(s) < 0.012) & (abs(t) < 0.075)] = _UMBER
+    yarn[(abs(t) < 0.012) & (abs(s) < 0.095)] = _UMBER
+    yarn[star(s, t) < 0.016] = _IVORY
 
     # The large guls: an octagon in quarters of two colors, a frame of hooks, a star in the middle.
     gul = octagon(u, v)
     quarter = (u * v) > 0
-    paint(gul < 0.178, _UMBER)
-    paint(gul < 0.164, _IVORY)
-    paint((gul < 0.150) & quarter, _INDIGO)
-    paint((gul < 0.150) & ~quarter, _GOLD)
+    yarn[gul < 0.178] = _UMBER
+    yarn[gul < 0.164] = _IVORY
+    yarn[(gul < 0.150) & quarter] = _INDIGO
+    yarn[(gul < 0.150) & ~quarter] = _GOLD
     petals = diamond(abs(u) - 0.115, abs(v) - 0.055) < 0.024
-    paint(petals & quarter, _IVORY)
-    paint(petals & ~quarter, _UMBER)
-    paint(gul < 0.100, _UMBER)
-    paint(gul < 0.086, _ROSE)
+    yarn[petals & quarter] = _IVORY
+    yarn[petals & ~quarter] = _UMBER
+    yarn[gul < 0.100] = _UMBER
+    yarn[gul < 0.086] = _ROSE
     hooks = (abs(repeat(np.arctan2(v, u), np.pi / 4)) < 0.14) & (gul < 0.086)
-    paint(hooks, _IVORY)
-    paint(star(u, v) < 0.054, _UMBER)
-    paint(star(u, v) < 0.042, _IVORY)
-    paint(star(u, v) < 0.026, _RED)
-    paint(star(u, v) < 0.014, _UMBER)
+    yarn[hooks] = _IVORY
+    for size_m, reflectance in ((0.054, _UMBER), (0.042, _IVORY), (0.026, _RED), (0.014, _UMBER)):
+        yarn[star(u, v) < size_m] = reflectance
 
     # The borders, told by the distance from the edge; `along` runs along the nearest side.
     inset_x, inset_y = half_m[0] - abs(x), half_m[1] - abs(y)
     inset = np.minimum(inset_x, inset_y)
     along = np.where(inset_x < inset_y, y, x)
     edge = 1.20  # where the field begins: 1.30 m from the middle of a 5 m carpet
-    paint(inset < edge, _UMBER)
-    paint(inset < edge - 0.015, _IVORY)
+    yarn[inset < edge] = _UMBER
+    yarn[inset < edge - 0.015] = _IVORY
     zigzag = abs(repeat(along, 0.08)) - 0.02
-    paint((inset < edge - 0.015) & (inset < edge - 0.055 + zigzag), _INDIGO)
-    paint(inset < edge - 0.095, _UMBER)
-    paint(inset < edge - 0.110, _ROSE)
+    yarn[(inset < edge - 0.015) & (inset < edge - 0.055 + zigzag)] = _INDIGO
+    yarn[inset < edge - 0.095] = _UMBER
+    yarn[inset < edge - 0.110] = _ROSE
     s, t = repeat(along, 0.24), inset - (edge - 0.245)
     in_band = abs(t) < 0.135
-    paint(in_band & (diamond(repeat(along, 0.048), repeat(t, 0.048)) < 0.010), _UMBER)
+    yarn[in_band & (diamond(repeat(along, 0.048), repeat(t, 0.048)) < 0.010)] = _UMBER
     k, q = repeat(along + 0.12, 0.24), t
     for size_m, reflectance in ((0.062, _UMBER), (0.054, _GOLD), (0.034, _INDIGO), (0.016, _IVORY)):
-        paint(in_band & (diamond(k, 0.6 * q) < size_m), reflectance)
+        yarn[in_band & (diamond(k, 0.6 * q) < size_m)] = reflectance
     for size_m, reflectance in (
         (0.086, _UMBER),
         (0.079, _IVORY),
@@ -157,17 +152,17 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
         (0.024, _GOLD),
         (0.011, _UMBER),
     ):
-        paint(in_band & (star(s, t) < size_m), reflectance)
-    paint(inset < edge - 0.380, _UMBER)
-    paint(inset < edge - 0.395, _GOLD)
-    paint((inset < edge - 0.395) & (inset < edge - 0.435 + zigzag), _RED)
-    paint(inset < edge - 0.475, _UMBER)
+        yarn[in_band & (star(s, t) < size_m)] = reflectance
+    yarn[inset < edge - 0.380] = _UMBER
+    yarn[inset < edge - 0.395] = _GOLD
+    yarn[(inset < edge - 0.395) & (inset < edge - 0.435 + zigzag)] = _RED
+    yarn[inset < edge - 0.475] = _UMBER
 
     # Beyond them a plain ground with a small repeat, out to the edge.
     ground = inset < edge - 0.490
-    paint(ground, _ROSE)
-    paint(ground & (diamond(repeat(x, 0.09), repeat(y, 0.09)) < 0.030), _INDIGO)
-    paint(ground & (diamond(repeat(x, 0.09), repeat(y, 0.09)) < 0.016), _IVORY)
+    yarn[ground] = _ROSE
+    yarn[ground & (diamond(repeat(x, 0.09), repeat(y, 0.09)) < 0.030)] = _INDIGO
+    yarn[ground & (diamond(repeat(x, 0.09), repeat(y, 0.09)) < 0.016)] = _IVORY
     return yarn
 
 

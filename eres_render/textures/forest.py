@@ -64,8 +64,8 @@ def _add_trunks(
         across = (columns - middle - lean * (rows - 0.5 * height)) / radius
         shade = 0.35 * np.sqrt(np.clip(1 - across**2, 0, 1)) - 0.25 * across
         part = image[:, first:last]
-        found = tone + shade + 0.35 * bark[:, first:last]
-        part[...] = np.where(np.abs(across) < 1, found, part)
+        trunk = tone + shade + 0.35 * bark[:, first:last]
+        part[...] = np.where(np.abs(across) < 1, trunk, part)
 
 
 def _add_leaves(

@@ -17,7 +17,6 @@ def leaf(
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     height, width = shape
     u = np.abs(np.linspace(-1, 1, width, dtype=np.float32))[None, :]
     v = np.linspace(0, 1, height, dtype=np.float32)[:, None]
@@ -36,7 +35,6 @@ def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> F
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     crumbs = fractal_noise(shape, 16, 1, rng, fall=1.2)
     return np.exp(np.log(0.07) + 0.5 * crumbs, dtype=np.float32)
 

@@ -61,7 +61,6 @@ def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     height, width = shape
     tone = float(rng.choice([0.06, 0.09, 0.14, 0.2, 0.3, 0.42, 0.6]))
     ink = 0.7 if tone < 0.25 else 0.05
@@ -92,7 +91,6 @@ def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     tone = float(rng.choice([0.08, 0.14, 0.25, 0.5]))
     ink = 0.7 if tone < 0.2 else 0.06
     cover = np.exp(np.log(tone) + 0.14 * fractal_noise(shape, 12, 1, rng), dtype=np.float32)
@@ -118,7 +116,6 @@ def book_pages(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     sheets = 0.22 * rng.standard_normal((1, shape[1]), dtype=np.float32)
     grain = 0.06 * rng.standard_normal(shape, dtype=np.float32)
     return np.exp(np.log(0.6) + sheets + grain, dtype=np.float32)
@@ -164,7 +161,6 @@ def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     height, width = shape
     clouds = fractal_noise(shape, 0.5 * width, 4, rng)
     sky = np.linspace(0.30, 0.72, height, dtype=np.float32)[:, None]
@@ -189,16 +185,12 @@ def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     image = np.full(shape, 0.6, dtype=np.float32)
     height, width = shape
     for _ in range(26):
         tone = float(rng.choice([0.06, 0.12, 0.22, 0.4, 0.72]))
         y, x = int(rng.integers(height)), int(rng.integers(width))
-        h, w = (
-            int(rng.integers(height // 14, height // 3)),
-            int(rng.integers(width // 14, width // 3)),
-        )
+        h, w = (int(rng.integers(side // 14, side // 3)) for side in shape)
         if rng.random() < 0.6:
             cv2.rectangle(image, (x, y), (x + w, y + h), 0.04, -1)
             cv2.rectangle(image, (x + 5, y + 5), (x + w - 5, y + h - 5), tone, -1)
@@ -218,7 +210,6 @@ def poster(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> 
     shape
         (rows, columns) of the texture, texels.
     """
-    del texel_m
     height, width = shape
     y, x = np.mgrid[:height, :width].astype(np.float32)
     angle = np.arctan2(y - 0.42 * height, x - 0.5 * width)

@@ -89,45 +89,39 @@ def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
     relief
         (height, width) heights, texels.
     """
-    seen = np.empty_like(relief)
-    _lit(relief, x, y, z, seen)
-    return seen
+    visible = np.empty_like(relief)
+    _lit(relief, x, y, z, visible)
+    return visible
 
 
 @jit
-def _lit(relief: Float32, x: float, y: float, z: float, seen: Float32) -> None:
+def _lit(relief: Float32, x: float, y: float, z: float, visible: Float32) -> None:
     """Write the share of a lamp that each texel sees."""
     rows, columns = relief.shape
     horizon, nearer = np.empty(columns, np.float32), np.empty(columns, np.float32)
     for i in range(rows):
         row = i if y <= 0 else rows - 1 - i
         nearer, horizon = horizon, nearer
-        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, seen[row])
+        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, visible[row])
 
 
 @jit
 def _add_lamp(
-    relief: Float32,
-    faces: Faces,
-    x: float,
-    y: float,
-    z: float,
-    power: float,
-    light: Float32,
+    relief: Float32, faces: Faces, x: float, y: float, z: float, power: float, light: Float32
 ) -> None:
     """Add the light of a lamp of unit direction, `power` on a face that looks at it."""
     rows, columns = relief.shape
     horizon, nearer = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    seen = np.empty(columns, np.float32)
+    visible = np.empty(columns, np.float32)
     to_x, to_y, to_z, strength = np.float32(x), np.float32(y), np.float32(z), np.float32(power)
     for i in range(rows):
         row = i if y <= 0 else rows - 1 - i
         nearer, horizon = horizon, nearer
-        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, seen)
+        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, visible)
         slope_x, slope_y, up = faces.slope_x[row], faces.slope_y[row], faces.up[row]
         for k in range(columns):
             cosine = (to_z - to_x * slope_x[k] - to_y * slope_y[k]) * up[k]
-            light[row, k] += max(cosine, np.float32(0)) * seen[k] * strength
+            light[row, k] += max(cosine, np.float32(0)) * visible[k] * strength
 
 
 @jit
@@ -139,7 +133,7 @@ def _shade_row(
     first: bool,
     nearer: Float32,
     horizon: Float32,
-    seen: Float32,
+    visible: Float32,
 ) -> None:
     """Write the height below which all of a row is in shadow, and the share of the lamp it sees.
 
@@ -153,18 +147,18 @@ def _shade_row(
     if abs(x) > abs(y):
         aside, drop = abs(y / x), z / abs(x)
         above = horizon if first else nearer
-        horizon[start], seen[start] = heights[start], 1.0
+        horizon[start], visible[start] = heights[start], 1.0
         for k in range(start + step, start + step * columns, step):
             line = (1 - aside) * horizon[k - step] + aside * above[k - step] - drop
-            seen[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
+            visible[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
             horizon[k] = max(heights[k], line)
     elif first:
         for k in range(columns):
-            horizon[k], seen[k] = heights[k], 1.0
+            horizon[k], visible[k] = heights[k], 1.0
     else:
         aside, drop = abs(x / y), z / abs(y)
         for k in range(columns):
             beside = min(max(k - step, 0), columns - 1)
             line = (1 - aside) * nearer[k] + aside * nearer[beside] - drop
-            seen[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
+            visible[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
             horizon[k] = max(heights[k], line)

@@ -43,10 +43,7 @@ def wood(
 
 
 def planks(
-    shape: tuple[int, int],
-    texel_m: float,
-    rng: np.random.Generator,
-    tone: float = 0.3,
+    shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.3
 ) -> Float32:
     """Return a floor of boards that run along u, each with its own shade, with dark joints between.
 

@@ -39,13 +39,13 @@ _RECENT = 8  # times whose poses and motions are kept
 
 
 class Path(Protocol):
-    """A camera's path, of which only the poses are needed here."""
+    """A camera's path: here only its poses are needed."""
 
     def pose(self, t_s: ArrayLike, /) -> Float64: ...
 
 
 class RecentPoses:
-    """A path that keeps its poses at the last few single times, for several `ImageMotion` at once.
+    """A path that keeps its poses at the last few times, for several `ImageMotion` at once.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class RecentPoses:
         self._recent = functools.lru_cache(maxsize=_RECENT)(path.pose)
 
     def pose(self, t_s: ArrayLike) -> Float64:
-        """Return the pose (4, 4) at a time, or those at several; do not change them."""
+        """Return the pose (4, 4) at a time, or the poses at several times; do not change them."""
         return self._recent(t_s) if isinstance(t_s, float) else self._path.pose(t_s)
 
 
@@ -74,7 +74,7 @@ def plane_image_motion(
     camera
         The camera of the render.
     plane
-        All that the camera sees.
+        The plane that fills the camera's view.
     grid_points
         Points of the grid along each side of the image.
 
@@ -104,7 +104,7 @@ def depth_image_motion(
 ) -> ImageMotion:
     """Return how far the image of a scene with depth moves, measured on a grid of image points.
 
-    A near object between the grid's points, 1/32 of the image apart, can move farther.
+    A near object between the grid points, which are 1/32 of the image apart, can move farther.
 
     Parameters
     ----------
@@ -160,11 +160,10 @@ def object_image_motion(
 ) -> ImageMotion:
     """Return how far the image of a moving object moves.
 
-    It is measured on a grid of image points that the object's box covers at the first time or, if
-    the object is not in view then, at the second: so an object that flies into the view counts as
-    soon as it is there. Where the box is in view and all points of the grid miss the object, as
-    those of two small balls far apart may, the corners of its box count. What hides it is not
-    considered.
+    It is measured on a grid of image points that the object's box covers at the first time, or at
+    the second if the object is out of view at the first. So an object that flies into the view
+    counts as soon as it is there. If the box is in view but all grid points miss the object, such
+    as two small balls far apart, the corners of the box count. Occlusion is ignored.
 
     Parameters
     ----------
@@ -175,11 +174,11 @@ def object_image_motion(
     pose
         The object's path, on the time axis of the camera's.
     box_m
-        (2, 3) lower and upper corner of the object in its own coordinates.
+        (2, 3) lower and upper corner of the object in its own coordinates, m.
     distance
-        Returns the distance to the object along rays, in its own coordinates.
+        Returns the distance to the object along rays in its own coordinates.
     unseen
-        The motion while the object is out of view, such as `shadow_image_motion`; none by default.
+        Motion while the object is out of view, such as `shadow_image_motion`; 0 by default.
     grid_points
         Points of the grid along each side of the box's image.
 
@@ -211,8 +210,8 @@ def object_image_motion(
         low: Float64 = np.zeros(2)
         high = size
         if np.all(box[:, 2] > 0):
-            seen = camera.project(box)
-            low, high = np.clip(seen.min(0), 0, size), np.clip(seen.max(0), 0, size)
+            projected = camera.project(box)
+            low, high = np.clip(projected.min(0), 0, size), np.clip(projected.max(0), 0, size)
         if not np.all(high > low):
             return np.empty((0, 3))
         x, y = np.meshgrid(*np.linspace(low, high, grid_points).T)
@@ -243,10 +242,10 @@ def object_image_motion(
 def shadow_image_motion(
     pose: Pose, box_m: Float64, px_per_m: Callable[[float], float]
 ) -> ImageMotion:
-    """Return how far the shadow or the light of an object moves that is out of view.
+    """Return how far the shadow or reflected light of an object out of view moves.
 
-    They count as if they moved as far as the object, on the nearest surface in view. Those of an
-    object near a lamp can move farther.
+    Both count as if they moved as far as the object, on the nearest surface in view. If the object
+    is near a lamp, they can move farther.
 
     Parameters
     ----------
@@ -306,17 +305,17 @@ def adaptive_times(
 def earlier_times(
     motion: ImageMotion, anchor_s: float, start_s: float, max_displacement_px: float
 ) -> NDArray[np.float64]:
-    """Return frame times before an anchor, from the last one at or before a start on.
+    """Return frame times before an anchor, back to the first time at or before a start.
 
-    They step back from the anchor as `adaptive_times` steps ahead, so each of them depends on the
-    anchor but not on the start: with an earlier start there are more times, and the same ones.
+    They step back from the anchor as `adaptive_times` steps ahead. So they depend on the anchor but
+    not on the start: an earlier start only adds times.
 
     Parameters
     ----------
     motion
         Largest motion in the image between two times.
     anchor_s, start_s
-        Times from 0 on, the start before the anchor.
+        Times, s, not negative; the start is before the anchor.
     max_displacement_px
         In pixels at render resolution, positive.
 
@@ -380,10 +379,10 @@ def paced_times(
 ) -> NDArray[np.float64]:
     """Return frame times as `adaptive_times`, at less cost, for speeds that hardly change in 4 ms.
 
-    The largest speed in the image is measured every 4 ms, and the greater of two such speeds counts
-    for the time between them. Frames are equally far apart in the integral of that speed. So there
-    are some more frames than with `adaptive_times`, and the cost does not depend on their number.
-    Vibration, and what crosses the view, within those 4 ms is missed.
+    The largest speed in the image is measured every 4 ms. Between two measurements the greater
+    speed counts, and frames are evenly spaced in its integral. So there are a few more frames than
+    with `adaptive_times`, but the cost does not grow with their number. Vibration and objects that
+    cross the view within 4 ms are missed.
 
     Parameters
     ----------
@@ -420,9 +419,9 @@ def paced_times(
 
 def _too_fast(moved_px: float, within_s: float, t_s: float) -> RenderError:
     return RenderError(
-        f"path: found an image that moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, "
-        f"expected frames at least {_MIN_STEP_S:g} s apart; are the times of the poses in "
-        "seconds? Objects count, those out of view too"
+        f"path: the image moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, but frames "
+        f"must be at least {_MIN_STEP_S:g} s apart; are the times of the poses in seconds? Objects "
+        "count too, also out of view"
     )
 
 
@@ -433,7 +432,7 @@ def _check(marks_s: Sequence[float], max_displacement_px: float) -> None:
 
 
 def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
-    """Warn that events are missed where the image moves far from frame to frame.
+    """Warn that events are lost if the image moves far from frame to frame.
 
     Parameters
     ----------
@@ -444,7 +443,7 @@ def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
     """
     if max_displacement_px > _FAR_APART_PX:
         _log.warning(
-            "%s: frames lie up to %g px apart, expected a max displacement of at most %g: "
-            "motion that turns back between two frames causes no events; at 2 px a fifth is lost",
+            "%s: the image moves up to %g px from frame to frame, above %g px: motion that turns "
+            "back between two frames causes no events; at 2 px a fifth of the events is lost",
             *(what, max_displacement_px, _FAR_APART_PX),
         )

@@ -81,8 +81,8 @@ def random_path(
     """Return a seeded random 6-DoF path around a pose, with an exact mean speed.
 
     Each control pose is drawn independently: an offset in the box +-`sway` along the home camera's
-    axes, and a rotation vector in the box +-`turn_rad`. Then one factor on all offsets makes the
-    mean speed over [0, duration_s] `mean_speed_mps`; only the ratios of `sway` matter. So the
+    axes, and a rotation vector in the box +-`turn_rad`. All offsets are then scaled so that the
+    mean speed over [0, duration_s] is `mean_speed_mps`: only the ratios of `sway` matter, and the
     distance from home grows with speed and knot interval.
 
     Parameters
@@ -109,7 +109,7 @@ def random_path(
     ------
     TrajectoryError
         If a duration or the speed is not positive, the path has more than 100,000 segments, or
-        `sway` leaves the camera where it is.
+        `sway` is 0 along all axes.
 
     Examples
     --------
@@ -127,9 +127,9 @@ def random_path(
     >>> round(path.mean_speed_mps(2.0), 6)
     0.8
     """
-    check_positive("duration_s", duration_s, TrajectoryError)
-    check_positive("mean_speed_mps", mean_speed_mps, TrajectoryError)
-    check_positive("knot_interval_s", knot_interval_s, TrajectoryError)
+    numbers = {"duration_s": duration_s, "mean_speed_mps": mean_speed_mps}
+    for name, value in (numbers | {"knot_interval_s": knot_interval_s}).items():
+        check_positive(name, value, TrajectoryError)
     if not duration_s / knot_interval_s <= _MAX_SEGMENTS:
         raise TrajectoryError(
             f"knot_interval_s: found {knot_interval_s:g} s in a path of {duration_s:g} s, expected "
@@ -145,7 +145,7 @@ def random_path(
     knots_s = knot_interval_s * np.arange(-1.0, n - 1)
     unscaled_mps = Trajectory(knots_s, controls).mean_speed_mps(duration_s)
     if not unscaled_mps > 0:
-        raise TrajectoryError(f"sway: found {sway}, expected one that lets the camera move")
+        raise TrajectoryError(f"sway: found {sway}, which leaves the camera where it is")
     scale = mean_speed_mps / unscaled_mps
     controls[:, :3, 3] = home[:3, 3] + scale * (controls[:, :3, 3] - home[:3, 3])
     return Trajectory(knots_s, controls)
@@ -162,11 +162,11 @@ def waypoint_loop(
 ) -> Trajectory:
     """Return a path of rounds through waypoints, with an exact mean speed.
 
-    Each time the camera passes a waypoint a new pose is drawn: an offset in the box +-`sway_m` and
-    a rotation vector in the box +-`turn_rad` along the waypoint's axes, so no two rounds are the
-    same. A spline goes through these poses (`path_through`), its knots as far apart in time as the
-    poses are in space, which keeps the speed even. The path stops where `duration_s` at that speed
-    takes it, in the first round or a later one.
+    Each time the camera passes a waypoint, a new pose is drawn: an offset in the box +-`sway_m` and
+    a rotation vector in the box +-`turn_rad` along the waypoint's axes. So no two rounds are the
+    same. A spline goes through these poses (`path_through`). The time between its knots is
+    proportional to the distance between the poses, which keeps the speed even. The path ends after
+    `duration_s`, in the first round or later.
 
     Parameters
     ----------
@@ -192,8 +192,8 @@ def waypoint_loop(
     ------
     TrajectoryError
         If there are fewer than two waypoints, the duration or the speed is not positive, the path
-        passes more than 100,000 of them, consecutive poses coincide, or the camera turns too far
-        between them.
+        passes more than 100,000 waypoints, consecutive poses coincide, or the camera turns too far
+        between two poses.
 
     Examples
     --------
@@ -238,16 +238,16 @@ def waypoint_loop(
             chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
             if not chord_m[-1] > chord_m[-2]:
                 raise TrajectoryError(
-                    f"waypoints[{len(poses) % len(waypoints)}]: found the place of the one before "
-                    f"it, {T[:3, 3].tolist()}, expected another place"
+                    f"waypoints[{len(poses) % len(waypoints)}]: found the position of the waypoint "
+                    f"before it, {T[:3, 3].tolist()}, expected another position"
                 )
         poses.append(T)
     try:
         path = path_through(chord_m, np.array(poses))
     except TurnsTooFarError as error:
         raise TrajectoryError(
-            f"waypoints[{error.number % len(waypoints)}]: found a camera that turns too far to or "
-            "from it, expected smaller turns; give more waypoints there"
+            f"waypoints[{error.number % len(waypoints)}]: the camera turns too far to or from it; "
+            "give more waypoints there"
         ) from error
     end = brentq(lambda t: float(path.length_m(t)) - length_m, 0.0, path.duration_s, xtol=1e-12)
     return Trajectory(path.knots_s * (duration_s / end), path.controls)

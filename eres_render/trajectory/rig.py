@@ -17,10 +17,10 @@ _STEP_S = 2e-3
 def second_camera(
     path: Trajectory, T_cam_second: Float64, duration_s: float
 ) -> tuple[Float64, Float64]:
-    """Return poses of a camera that is fixed to another, for a spline through them.
+    """Return poses of a camera on the rig of another camera, for a spline through them.
 
-    The poses are exact and at most 2 ms apart. Between them `path_through` stays within micrometers
-    of the rig, at the speeds of a hand-held camera.
+    The poses are exact and at most 2 ms apart. Between them, `path_through` stays within
+    micrometers of the rig at the speeds of a hand-held camera.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def second_camera(
     T_cam_second
         (4, 4) pose of the second camera, along the first one's axes.
     duration_s
-        How much of the path, s: that of the scene, which a path may outlast.
+        Length of the path to use, s: the scene's duration, since a path may last longer.
 
     Returns
     -------

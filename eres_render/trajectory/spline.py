@@ -25,7 +25,7 @@ class TurnsTooFarError(TrajectoryError):
     Attributes
     ----------
     number
-        Number of the pose that is missed the most.
+        Number of the pose that the spline misses by the most.
     """
 
     number: int = 0
@@ -35,7 +35,7 @@ class TurnsTooFarError(TrajectoryError):
 class Trajectory:
     """A twice continuously differentiable path of poses.
 
-    Rotation and position have separate splines (SO(3) x R^3): scaling the positions scales the
+    Rotation and position have separate splines (SO(3) x R^3). So scaling the positions scales the
     speed by exactly that factor, and the path of the camera center does not depend on rotations.
     Methods raise `TrajectoryError` for times off the path.
 
@@ -54,8 +54,8 @@ class Trajectory:
     Raises
     ------
     TrajectoryError
-        If there are fewer than four control poses, one has no rotation, or their times are not
-        finite, do not increase, or are not 0 for the second. Positions may be NaN, as where a
+        If there are fewer than four control poses, a matrix is not a rotation, or the times are not
+        finite, do not increase, or are not 0 at the second pose. Positions may be NaN, as where a
         method fails.
 
     Examples
@@ -138,14 +138,19 @@ class Trajectory:
     def velocity(self, t_s: ArrayLike) -> Float64:
         """Return the velocity of the camera center in the world, (..., 3) m/s."""
         i, _, rates, _ = self._weights(t_s)
-        steps, _ = self._steps
-        return sum((rates[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
+        return self._moved(i, rates)
 
     def acceleration(self, t_s: ArrayLike) -> Float64:
         """Return the acceleration of the camera center in the world, (..., 3) m/s^2."""
         i, _, _, bends = self._weights(t_s)
+        return self._moved(i, bends)
+
+    def _moved(self, i: NDArray[np.intp], weights: Float64) -> Float64:
+        """Return the weighted sum of the three steps in position from control i on."""
         steps, _ = self._steps
-        return sum((bends[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
+        return sum(
+            (weights[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3))
+        )
 
     def angular_velocity(self, t_s: ArrayLike) -> Float64:
         """Return the angular velocity of the camera along its own axes, (..., 3) rad/s.
@@ -267,8 +272,8 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     Raises
     ------
     TrajectoryError
-        If there are fewer than two poses, one is not a pose, times do not increase, or the camera
-        turns so far between two poses that no spline is found.
+        If there are fewer than two poses, a matrix is not a pose, times do not increase, or the
+        camera turns so far between two poses that no spline is found.
 
     Examples
     --------
@@ -286,13 +291,9 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     knots, n = _evenly_extended(t - t[0]), len(t)
     banded, first_step, last_step = _natural_system(_evenly_extended(knots))
     position = solve_banded((1, 1), banded, T_world_cam[:, :3, 3])
-    position = np.concatenate(
-        [
-            [position[0] - first_step * (position[1] - position[0])],
-            position,
-            [position[-1] + last_step * (position[-1] - position[-2])],
-        ]
-    )
+    before = position[0] - first_step * (position[1] - position[0])
+    after = position[-1] + last_step * (position[-1] - position[-2])
+    position = np.concatenate([[before], position, [after]])
     # Rotations do not commute, so damped Newton iterations find their controls, with the same
     # matrix, which is the exact derivative for a camera that does not turn.
     wanted = Rotation.from_matrix(T_world_cam[:, :3, :3])
@@ -332,14 +333,11 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
 def _checked_poses(t_s: ArrayLike, T_world_cam: ArrayLike) -> tuple[Float64, Float64]:
     """Return (N,) times and (N, 4, 4) poses as float64, after the checks of `path_through`."""
     t, T_world_cam = np.asarray(t_s, dtype=np.float64), np.asarray(T_world_cam, dtype=np.float64)
-    if T_world_cam.ndim != 3 or T_world_cam.shape[1:] != (4, 4):
-        raise TrajectoryError(f"poses: found shape {T_world_cam.shape}, expected (N, 4, 4)")
-    if t.shape != (len(T_world_cam),):
+    if t.ndim != 1 or T_world_cam.shape != (len(t), 4, 4) or len(t) < 2:
         raise TrajectoryError(
-            f"times: found shape {t.shape}, expected ({len(T_world_cam)},), one for each pose"
+            f"found {t.size} times for poses of shape {T_world_cam.shape}, expected N times for "
+            "(N, 4, 4), with N of at least 2"
         )
-    if len(t) < 2:
-        raise TrajectoryError(f"found {len(t)}, expected two or more poses")
     if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
         k = int(np.argmin(np.diff(t) > 0))
         raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")

@@ -96,27 +96,19 @@ def _read(path: Path) -> tuple[list[Decimal], Float64]:
             row = [float(word) for word in line.split()]
         except ValueError:
             row = []
+        wrong = ""
         if len(row) != 8 or not np.isfinite(row).all():
-            raise TrajectoryError(
-                f"{path}: line {number}: found {line!r}, expected 8 numbers t x y z qx qy qz qw"
-            )
-        if abs(math.hypot(*row[4:]) - 1) > 1e-3:
-            raise TrajectoryError(
-                f"{path}: line {number}: found a quaternion of length {math.hypot(*row[4:]):.4g}, "
-                "expected 1"
-            )
-        if abs(row[0]) >= _MAX_TIME_S:
-            raise TrajectoryError(
-                f"{path}: line {number}: found time {row[0]!r}, expected less than {_MAX_TIME_S} s "
-                "from 0; are the times of the poses in seconds?"
-            )
-        time = Decimal(line.split()[0])
-        if times and not time > times[-1]:
-            raise TrajectoryError(
-                f"{path}: line {number}: found time {row[0]!r} after {rows[-1][0]!r}, expected "
-                "increasing times"
-            )
-        times.append(time)
+            wrong = f"found {line!r}, expected 8 numbers t x y z qx qy qz qw"
+        elif abs(math.hypot(*row[4:]) - 1) > 1e-3:
+            wrong = f"found a quaternion of length {math.hypot(*row[4:]):.4g}, expected 1"
+        elif abs(row[0]) >= _MAX_TIME_S:
+            wrong = f"found time {row[0]!r}, expected less than {_MAX_TIME_S} s from 0"
+            wrong += "; are the times of the poses in seconds?"
+        elif times and not Decimal(line.split()[0]) > times[-1]:
+            wrong = f"found time {row[0]!r} after {rows[-1][0]!r}, expected increasing times"
+        if wrong:
+            raise TrajectoryError(f"{path}: line {number}: {wrong}")
+        times.append(Decimal(line.split()[0]))
         rows.append(row)
     if not rows:
         raise TrajectoryError(f"{path}: found no pose, expected lines t x y z qx qy qz qw")

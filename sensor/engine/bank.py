@@ -8,17 +8,7 @@ from contextlib import closing
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sensor.engine.arguments import (
-    Lit,
-    check_fit,
-    check_memory,
-    checked_models,
-    checked_seed,
-    checked_speeds,
-    checked_starts,
-    checked_threads,
-    completed,
-)
+from sensor.engine import arguments
 from sensor.engine.devices import device_called
 from sensor.engine.frames import (
     FrameInput,
@@ -51,7 +41,7 @@ class Bank:
         self,
         frames: FrameInput,
         t_s: ArrayLike,
-        models: Sequence[Lit],
+        models: Sequence[arguments.Lit],
         speeds: Sequence[float] | None,
         seed: int,
         threads: int | None,
@@ -59,29 +49,29 @@ class Bank:
         starts: Sequence[int] | None = None,
     ) -> None:
         given = list(models) if isinstance(models, Iterable) else models
-        models = checked_models(given)
-        self.speeds = checked_speeds(speeds, len(models))
-        self.seed = checked_seed(seed)
-        self.threads = checked_threads(threads)
+        models = arguments.checked_models(given)
+        self.speeds = arguments.checked_speeds(speeds, len(models))
+        self.seed = arguments.checked_seed(seed)
+        self.threads = arguments.checked_threads(threads)
         self.t_s = checked_times(t_s)
-        self.starts = checked_starts(starts, len(models), len(self.t_s))
+        self.starts = arguments.checked_starts(starts, len(models), len(self.t_s))
         self._device = device_called(device, self.threads)
         self.reader = self._device.reader(frames, len(self.t_s))
         for speed in {*self.speeds}:
             check_spans(self.t_s / speed, speed)
         for model in models:
-            check_fit(model, *self.reader.shape)
-        check_memory(models, self.starts)
+            arguments.check_fit(model, *self.reader.shape)
+        arguments.check_memory(models, self.starts)
         warn_of_long_intervals(self.t_s)
         warn_of_whole_numbers(self.reader.first)
-        self.models = completed(given, self.reader.first)
+        self.models = arguments.completed(given, self.reader.first)
 
     def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its next events)` as `Live.push` does."""
         first = self.reader.first
         live = Live(self.models, self.speeds, self.starts, self.seed, self._device, first.size)
         with closing(live):
-            pieces = Pieces(first, [[self.models[i] for i in one] for one in live.members])
+            pieces = Pieces(first, [[self.models[i] for i in group] for group in live.members])
             yield from live.push(first[None], self.t_s[:1], rooms)
             done = 1
             while done < len(self.t_s):

@@ -25,31 +25,23 @@ _LEVELS_OF_AN_IMAGE = 16
 
 
 def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
-    """Return frame times as (T,) float64 seconds.
-
-    Returns
-    -------
-    (T,) float64
-    """
+    """Return frame times as (T,) float64 seconds; `index` is the number of the first frame."""
     try:
-        found = np.asarray(t_s)
-        if found.dtype.kind not in "iuf":
-            raise TypeError
-        times = found.astype(np.float64)
+        times = np.asarray(t_s)
     except (TypeError, ValueError) as error:
         raise refusal("t_s", t_s, "a row of times in seconds") from error
-    if times.ndim != 1 or times.size == 0:
-        raise SensorError(f"t_s: found shape {times.shape}, expected (T,) with T of at least 1")
-    bad = np.flatnonzero(~np.isfinite(times))
-    if bad.size:
-        k = int(bad[0])
-        raise SensorError(f"t_s[{index + k}]: found {times[k]}, expected a time in seconds")
-    bad = np.flatnonzero(np.diff(times) <= 0)
-    if bad.size:
-        k = int(bad[0]) + 1
+    if times.dtype.kind not in "iuf" or times.ndim != 1 or times.size == 0:
+        what = f"{times.dtype} of shape {times.shape}"
+        raise SensorError(f"t_s: found {what}, expected a row of times in seconds, at least one")
+    times = times.astype(np.float64)
+    good = np.isfinite(times)
+    good[1:] &= times[1:] > times[:-1]
+    if not good.all():
+        k = int(good.argmin())
+        after = f" after {times[k - 1]}" if k else ""
         raise SensorError(
-            f"t_s[{index + k}]: found {times[k]} after {times[k - 1]}, expected strictly "
-            "increasing times"
+            f"t_s[{index + k}]: found {times[k]}{after}, expected finite, strictly increasing "
+            "times in seconds"
         )
     return times
 
@@ -70,18 +62,15 @@ def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
             f"{MAX_TIME_S:g} s from 0, so that int64 can store it in microseconds"
         )
     interval_s = np.diff(t_s)
-    if interval_s.size and interval_s.min() <= 0:
-        raise SensorError(f"speed: found {speed:g}, which leaves no time between two frames")
-    if interval_s.size and interval_s.max() * 1e6 > MAX_INTERVAL_US:
+    wrong = interval_s[~((interval_s > 0) & (interval_s * 1e6 <= MAX_INTERVAL_US))]
+    if wrong.size:
         raise SensorError(
-            f"t_s: found {interval_s.max():.0f} s between two frames{at_speed}, expected less than "
+            f"t_s: found {wrong[0]:g} s between two frames{at_speed}, expected above 0 and at most "
             f"{MAX_INTERVAL_US * 1e-6:.0f} s"
         )
 
 
-def whole_microseconds(
-    t_s: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def whole_microseconds(t_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Round times to whole microseconds, half up; return them and the remainders, us.
 
     Whole seconds are converted separately, so that large times, such as those since 1970, keep all
@@ -107,88 +96,84 @@ class FrameReader:
         self._array: NDArray[np.floating] | None = None
         self._rest: Iterator[NDArray[np.floating]] = iter(())
         if isinstance(frames, np.ndarray):
-            if frames.ndim != 3 or len(frames) != count:
-                raise SensorError(
-                    f"frames: found shape {frames.shape}, expected ({count}, H, W): "
-                    "one frame for each entry of t_s"
-                )
+            check_shape(frames.shape, count)
             self._array = frames
             first = frames[0]
-        else:
-            if not isinstance(frames, Iterable):
-                raise refusal("frames", frames, "an array (F, H, W), or images (H, W) one by one")
+        elif isinstance(frames, Iterable):
             self._rest = iter(frames)
-            try:
-                first = np.asarray(next(self._rest))
-            except StopIteration:
-                raise SensorError(f"frames: found none, expected {count}") from None
+            start = [np.asarray(frame) for frame in itertools.islice(self._rest, 1)]
+            check_all_read(len(start), 1, count)
+            first = start[0]
+        else:
+            raise refusal("frames", frames, "an array (F, H, W), or images (H, W) one by one")
         self.shape: tuple[int, ...] = first.shape
         self.first = checked_frames(first[None], 0)[0]
         self._room: NDArray[np.floating] = np.empty((0, *self.shape), self.first.dtype)
         refuse_bad_radiance(self.first[None], 0)
 
     def chunk(self, done: int, most: int) -> NDArray[np.floating]:
-        """Return the next frames; the kernels check that radiance is finite and not negative.
-
-        Returns
-        -------
-        (F, H, W) linear radiance.
-        """
+        """Return the next frames, (F, H, W); the kernels check that radiance is valid."""
         wanted = min(most, self._count - done)
         if self._array is not None:
-            chunk = self._array[done : done + wanted]
-        else:
-            chunk = self._read(done, wanted)
-        return checked_frames(chunk, done)
+            return checked_frames(self._array[done : done + wanted], done)
+        return checked_frames(self._read(done, wanted), done)
 
     def check_end(self) -> None:
         """Raise `SensorError` if there are more frames than times."""
-        if next(self._rest, None) is not None:
-            raise SensorError(f"frames: found more than {self._count}, the length of t_s")
+        check_end(self._rest, self._count)
 
     def _read(self, index: int, wanted: int) -> NDArray[np.floating]:
         """Read the next frames into memory that the next call reuses."""
         if len(self._room) < wanted:
             self._room = MEMORY.array((wanted, *self.shape), self.first.dtype)
-        found = 0
+        done = 0
         for frame in map(np.asarray, itertools.islice(self._rest, wanted)):
-            checked_frames(frame[None], index + found)
+            checked_frames(frame[None], index + done)
             if frame.shape != self.shape:
                 raise SensorError(
-                    f"frame {index + found}: found shape {frame.shape}, "
-                    f"expected {self.shape} like the first"
+                    f"frame {index + done}: found shape {frame.shape}, expected {self.shape} like "
+                    "the first frame"
                 )
             if self._room.dtype == np.float32 and _float_type(frame) is np.float64:
                 room = MEMORY.array(self._room.shape, np.float64)
-                room[:found] = self._room[:found]  # the rest may be anything
+                room[:done] = self._room[:done]  # the rest may be anything
                 self._room = room
-            self._room[found] = frame
-            found += 1
-        if found < wanted:
-            raise SensorError(
-                f"frames: ended after {index + found}, "
-                f"expected {self._count}, one for each entry of t_s"
-            )
+            self._room[done] = frame
+            done += 1
+        check_all_read(index + done, index + wanted, self._count)
         return self._room[:wanted]
 
 
+def check_shape(shape: tuple[int, ...], count: int) -> None:
+    """Refuse an array of frames that does not have one frame for each time."""
+    if len(shape) != 3 or shape[0] != count:
+        raise SensorError(
+            f"frames: found shape {shape}, expected ({count}, H, W): one frame for each entry of "
+            "t_s"
+        )
+
+
+def check_all_read(read: int, wanted: int, count: int) -> None:
+    """Refuse an iterable that ended before a number of frames were read."""
+    if read < wanted:
+        raise SensorError(
+            f"frames: ended after {read} frames, expected {count}, one for each entry of t_s"
+        )
+
+
+def check_end(rest: Iterator[object], count: int) -> None:
+    """Refuse an iterable with more frames than times."""
+    if next(rest, None) is not None:
+        raise SensorError(f"frames: found more than {count}, the length of t_s")
+
+
 def checked_frames(chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
-    """Return frames as contiguous float32 or float64, without a copy if possible.
-
-    Parameters
-    ----------
-    chunk
-        (F, H, W) linear radiance.
-
-    Returns
-    -------
-    (F, H, W) linear radiance.
-    """
+    """Return (F, H, W) frames as contiguous float32 or float64, without a copy if possible."""
     if chunk.ndim != 3 or chunk.size == 0:
         raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
     if chunk.dtype.kind != "f":
         advice = (
-            "; images of integers are usually encoded for a screen, and "
+            "; integer images are usually encoded for a screen, and "
             "sensor.to_linear(frames, 'srgb') converts them to radiance"
         )
         raise SensorError(
@@ -204,13 +189,7 @@ def _float_type(frames: NDArray[np.floating]) -> type[np.floating]:
 
 
 def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
-    """Raise if radiance is negative or not finite.
-
-    Parameters
-    ----------
-    chunk
-        (F, H, W) radiance.
-    """
+    """Raise if radiance, (F, H, W), is negative or not finite."""
     if not (chunk.min() >= 0 and chunk.max() < np.inf):  # NaN fails both comparisons
         bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))
         f, y, x = bad[0]
@@ -224,8 +203,7 @@ def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
     """Warn if the median interval is above 1 s: the times may not be in seconds."""
     if len(t_s) > 1 and (median_s := float(np.median(np.diff(t_s)))) > _LONG_INTERVAL_S:
         _log.warning(
-            "t_s: found a median of %.6g s between two frames; are the times in ms or us? "
-            "The sensor expects seconds",
+            "t_s: the median interval between frames is %.6g s; times are in seconds, not ms or us",
             median_s,
         )
 
@@ -241,10 +219,12 @@ def warn_of_whole_numbers(frame: NDArray[np.floating]) -> None:
     levels = np.count_nonzero(np.bincount(frame.astype(np.uint8).ravel()))
     if levels >= _LEVELS_OF_AN_IMAGE:
         _log.warning(
-            "frames: all values of the first are whole numbers from %d to %d, %d different ones, "
-            "as in an 8-bit image, and are taken as linear radiance; if they are encoded for a "
-            "screen, sensor.to_linear(frames.astype(np.uint8), 'srgb') converts them to radiance",
-            *(frame.min(), highest, levels),
+            "frames: the first frame looks like an 8-bit image: whole numbers from %d to %d, %d "
+            "different values. They are taken as linear radiance; if they are encoded for a "
+            "screen, convert them: sensor.to_linear(frames.astype(np.uint8), 'srgb')",
+            frame.min(),
+            highest,
+            levels,
         )
 
 

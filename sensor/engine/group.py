@@ -16,15 +16,7 @@ from sensor.engine.sorting import Room, UnsortedEvents
 from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Events, no_events
-from sensor.kernels.advance import (
-    Band,
-    Clock,
-    Resume,
-    Settings,
-    State,
-    advance_pixels,
-    room_for_block,
-)
+from sensor.kernels import advance
 from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
@@ -53,8 +45,8 @@ class SensorGroup:
     members: list[int]  # indices of the models in the bank
     models: list[SensorModel]
     speeds: NDArray[np.float64]  # (S,)
-    settings: Settings
-    state: State
+    settings: advance.Settings
+    state: advance.State
     held: list[Events]  # in the microsecond of the last frame, which the next chunk shares
     ready_us: list[NDArray[np.int64] | None]  # (height, width) end of the refractory periods
     first: int  # index of the frame at which the group starts; random numbers count from there
@@ -96,7 +88,7 @@ class SensorGroup:
             models,
             np.array(speeds),
             settings,
-            State(u, v1, v2, memory),
+            advance.State(u, v1, v2, memory),
             [no_events(m.width, m.height, m) for m in models],
             [
                 np.full((m.height, m.width), never_us) if m.refractory_s > 0 else None
@@ -135,7 +127,7 @@ class SensorGroup:
             [photoreceptor_step(each, model.cutoff_hz, model.poles) for each in row]
             for row, model in zip(dt_s, self.models, strict=True)
         ]
-        clock = Clock(
+        clock = advance.Clock(
             index - 1 - self.first, np.array(steps, STEP), dt_s, after_us, np.diff(frame_us)
         )
         count = min(len(workers.pools), max(1, dt_s.size * self.state.u.size // _BAND_WORK))
@@ -144,21 +136,14 @@ class SensorGroup:
 
         def advance_band(band: tuple[int, int, int]) -> NDArray[np.int64]:
             k, start, stop = band
-            pixels = Band(self.models[0].width, start, stop, _BLOCK_PX)
+            pixels = advance.Band(self.models[0].width, start, stop, _BLOCK_PX)
             segment = np.zeros((-(-(stop - start) // _BLOCK_PX), *dt_s.shape, 2), np.int64)
-            outcome, resume = FULL, Resume(0, 0, 0)
+            outcome, resume = FULL, advance.Resume(0, 0, 0)
             while outcome == FULL:
                 alike = self.settings.C_on.shape[1] == 1
-                block = room_for_block(len(chunk), _BLOCK_PX, alike, workers.pools[k])
-                outcome, resume = advance_pixels(
-                    light,
-                    pixels,
-                    self.state,
-                    self.settings,
-                    clock,
-                    block,
-                    resume,
-                    segment,
+                block = advance.room_for_block(len(chunk), _BLOCK_PX, alike, workers.pools[k])
+                outcome, resume = advance.advance_pixels(
+                    light, pixels, self.state, self.settings, clock, block, resume, segment
                 )
                 if outcome == FULL:
                     workers.enlarge_pool(k)
@@ -199,22 +184,20 @@ class SensorGroup:
 
 def members_by_light(models: Sequence[SensorModel], starts: Sequence[int]) -> list[list[int]]:
     """Divide models into groups: those with one light that start together."""
-    found: dict[tuple[int, int, float | None, float, int], list[int]] = {}
+    groups: dict[tuple[int, int, float | None, float, int], list[int]] = {}
     for i, (m, start) in enumerate(zip(models, starts, strict=True)):
-        found.setdefault((m.height, m.width, m.dark_level, m.fill_factor, start), []).append(i)
-    return list(found.values())
+        groups.setdefault((m.height, m.width, m.dark_level, m.fill_factor, start), []).append(i)
+    return list(groups.values())
 
 
 def least_bytes(models: Sequence[SensorModel]) -> int:
     """Return the memory that `SensorGroup.start` allocates for the models of a group, bytes."""
-    rows = 1  # u
     of_each = 1  # the memory
     of_each += 2 * any(m.cutoff_hz < math.inf for m in models)  # v1, v2
     of_each += 2 * any(m.threshold_mismatch > 0 for m in models)  # C_on, C_off
     of_each += any(m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models)
-    rows += of_each * len(models)
-    rows += sum(m.refractory_s > 0 for m in models)  # end of the refractory period
-    return 8 * rows * models[0].height * models[0].width
+    once = 1 + sum(m.refractory_s > 0 for m in models)  # u, ends of refractory periods
+    return 8 * (once + of_each * len(models)) * models[0].height * models[0].width
 
 
 def light_of(

@@ -30,8 +30,10 @@ class Live:
     ) -> None:
         self._models, self._speeds, self._starts = models, speeds, starts
         self._seed, self._device = seed, device
-        self.members = sorted(members_by_light(models, starts), key=lambda one: starts[one[0]])
-        work = max(len(one) * models[one[0]].width * models[one[0]].height for one in self.members)
+        self.members = sorted(members_by_light(models, starts), key=lambda group: starts[group[0]])
+        work = max(
+            len(group) * models[group[0]].width * models[group[0]].height for group in self.members
+        )
         if device.on_gpu:
             work = max(work, samples)  # the frames are there, too
         self.most_frames = max(1, min(device.most_frames, device.most_work // work))  # at once

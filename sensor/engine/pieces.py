@@ -1,4 +1,4 @@
-"""Divide frames into pieces with about as many events as memory is meant for, told beforehand."""
+"""Divide frames into pieces whose predicted events fit into the memory that pieces share."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sensor.model import SensorModel
 
 _PIECE_EVENTS = 1 << 24  # about as many at most: memory that the next pieces use again
-_SAMPLE_PX = 1 << 10  # of a frame, which foretell its events
+_SAMPLE_PX = 1 << 10  # of a frame, which predict its events
 
 
 class Pieces:
-    """Foretells the events of frames from a few pixels, and learns from those that fire.
+    """Predicts the events of frames from a few pixels, and learns from the events that fire.
 
     Between two frames an ideal pixel fires its change of log light divided by C. A filter lets
     fewer fire, noise more.
@@ -37,7 +37,7 @@ class Pieces:
         self._dark = min(m.dark_level or 0.0 for models in groups for m in models)
         self._step = max(1, round((first.size / _SAMPLE_PX) ** 0.5))
         self._logs = self._sampled(first[None])[0]
-        self._rate, self._foretold, self._share = 0.0, 0.0, 1.0
+        self._rate, self._predicted, self._share = 0.0, 0.0, 1.0
 
     def frames(self, chunk: NDArray[np.floating]) -> int:
         """Return how many frames of a chunk (F, H, W) to simulate next, at least 1."""
@@ -46,14 +46,14 @@ class Pieces:
         ideal = self._per_change * change
         expected = np.cumsum(np.maximum(self._rate, self._share * ideal))
         pieces = max(1.0, np.ceil(expected[-1] / _PIECE_EVENTS))
-        found = max(1, int(np.searchsorted(expected, expected[-1] / pieces, side="right")))
-        self._logs, self._foretold = logs[found - 1], float(ideal[:found].sum())
-        return found
+        count = max(1, int(np.searchsorted(expected, expected[-1] / pieces, side="right")))
+        self._logs, self._predicted = logs[count - 1], float(ideal[:count].sum())
+        return count
 
     def learn(self, frames: int, events: int) -> None:
         """Take note of what fired."""
         self._rate = events / frames
-        self._share = min(1.0, events / self._foretold) if self._foretold else 1.0
+        self._share = min(1.0, events / self._predicted) if self._predicted else 1.0
 
     def _sampled(self, frames: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the log light of a few pixels of (F, H, W) frames, 0 where it has none."""

@@ -10,15 +10,7 @@ from numpy.typing import NDArray
 
 from sensor.engine.workers import Workers
 from sensor.events import Columns, Events
-from sensor.kernels.packing import (
-    FEW_ROWS,
-    SHORT_INTERVAL_US,
-    count_times,
-    gather,
-    sort_by_time,
-    spread,
-    unpack,
-)
+from sensor.kernels import packing
 from sensor.memory import MEMORY, Memory
 
 # Takes a number of events and a time in us, before which they come; returns columns for them.
@@ -65,21 +57,21 @@ class UnsortedEvents:
     def _sort_interval(self, f: int, columns: Columns, height: int) -> None:
         start_us, end_us = self.frame_us[f : f + 2]
         bands = list(zip(self.pools, self.segments, strict=True))
-        if end_us - start_us < SHORT_INTERVAL_US and height <= FEW_ROWS:
+        if end_us - start_us < packing.SHORT_INTERVAL_US and height <= packing.FEW_ROWS:
             words = MEMORY.array(int(self.counts[f]), np.uint32)
             stops = np.zeros(end_us - start_us + 2, np.uint64)
             for pool, segment in bands:
-                count_times(pool, segment, self.setting, f, stops[1:])
+                packing.count_times(pool, segment, self.setting, f, stops[1:])
             np.cumsum(stops, out=stops)
             for pool, segment in bands:
-                spread(pool, segment, self.setting, f, stops, words)
-            unpack(words, stops, start_us, columns)
+                packing.spread(pool, segment, self.setting, f, stops, words)
+            packing.unpack(words, stops, start_us, columns)
         else:
             both = MEMORY.array((2, int(self.counts[f])), np.uint64)
             used = 0
             for pool, segment in bands:
-                used = gather(pool, segment, self.setting, f, both[0], used)
-            sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
+                used = packing.gather(pool, segment, self.setting, f, both[0], used)
+            packing.sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
 
 
 def put_first(held: Events, columns: Columns) -> None:

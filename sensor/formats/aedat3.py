@@ -34,24 +34,24 @@ from sensor.formats.header import Header
 MAGIC = b"#!AER-DAT3.1"
 _END = b"#!END-HEADER"
 _MAX_HEADER_BYTES = 1 << 16
-_PACKET = np.dtype(
-    [
-        *(("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("place", "<i4")),
-        *(("overflow", "<i4"), ("capacity", "<i4"), ("number", "<i4"), ("valid", "<i4")),
-    ]
-)
+_FIELDS = "size", "place", "overflow", "capacity", "number", "valid"
+_PACKET = np.dtype([("type", "<i2"), ("source", "<i2"), *((name, "<i4") for name in _FIELDS)])
 _EVENT = np.dtype([("word", "<u4"), ("t", "<i4")])
 _POLARITY = 1
 _SIZES = {
-    **{"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192)},
-    **{"DAVIS240": (240, 180), "DAVIS346": (346, 260), "DAVIS640": (640, 480)},
+    "DVS128": (128, 128),
+    "DAVIS128": (128, 128),
+    "DAVIS208": (208, 192),
+    "DAVIS240": (240, 180),
+    "DAVIS346": (346, 260),
+    "DAVIS640": (640, 480),
 }
 
 
 def _read_lines(file: BinaryIO) -> list[str]:
     """Return the lines of the header, and leave the file at the first packet."""
-    if not file.read(len(MAGIC)) == MAGIC:
-        raise EventFormatError(f"byte 0: found no {MAGIC.decode()}")
+    if file.read(len(MAGIC)) != MAGIC:
+        raise EventFormatError(f"byte 0: the file does not start with {MAGIC.decode()}")
     file.seek(0)
     lines: list[str] = []
     while file.tell() < _MAX_HEADER_BYTES:
@@ -68,12 +68,10 @@ def _header(lines: list[str]) -> Header:
     stored = [line.partition(":")[2].strip() for line in lines if line.startswith("Format:")]
     if stored != ["RAW"]:
         raise EventFormatError(f"header, Format: found {', '.join(stored) or 'none'}, expected RAW")
-    sizes = set()
-    for line in lines:
-        if match := re.match(r"Source \d+: *((?:DVS|DAVIS)\d+)", line):
-            sizes.add(_SIZES.get(match[1]))
-    width, height = next(iter(sizes)) or (None, None) if len(sizes) == 1 else (None, None)
-    return Header(width, height)
+    sources = (re.match(r"Source \d+: *((?:DVS|DAVIS)\d+)", line) for line in lines)
+    sizes = {_SIZES.get(source[1]) for source in sources if source}
+    size = sizes.pop() if len(sizes) == 1 else None
+    return Header(*(size or (None, None)))
 
 
 def read_header(path: Path) -> Header:
@@ -95,10 +93,10 @@ def _packets(path: Path, none: Events) -> Iterator[tuple[str, Events]]:
         _read_lines(file)
         while True:
             at = file.tell()
-            found = _read_packet(file, at, sources)
-            if found is None:
+            packet = _read_packet(file, at, sources)
+            if packet is None:
                 return
-            t_us, word = found
+            t_us, word = packet
             x, y = ((word >> 17).astype(np.uint16), (word >> 2 & 0x7FFF).astype(np.uint16))
             on, where = word & 2 > 0, f"byte {at}"
             yield where, batching.with_checked_places(t_us, x, y, on, where, none)
@@ -125,8 +123,10 @@ def _read_packet(
         return np.empty(0, np.int64), np.empty(0, np.uint32)
     sources.add(int(packet["source"]))
     if size != _EVENT.itemsize or len(sources) > 1:
-        found = f"events of {size} bytes" if len(sources) == 1 else "events of two cameras"
-        raise EventFormatError(f"byte {at}: found {found}, expected {_EVENT.itemsize} bytes of one")
+        raise EventFormatError(
+            f"byte {at}: found events of {size} bytes from {len(sources)} cameras, expected "
+            f"{_EVENT.itemsize} bytes from one camera"
+        )
     events = np.frombuffer(data, _EVENT)
     events = events[events["word"] & 1 == 1]
     if np.any(events["t"] < 0):

@@ -28,20 +28,16 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             raise EventFormatError(f"part {k}: found {type(part).__name__}, expected Events")
         if first is None:
             first = part[:0].copy()  # keeps nothing alive
-        elif (part.width, part.height, part.model) != (first.width, first.height, first.model):
-            if (part.width, part.height) == (first.width, first.height):
-                found, expected = "another SensorModel", "that one"
-            else:
-                found, expected = (f"{p.width}x{p.height} px" for p in (part, first))
+        if (part.width, part.height, part.model) != (first.width, first.height, first.model):
             raise EventFormatError(
-                f"part {k}: found events of {found}, expected {expected}, as in part 0"
+                f"part {k}: found events of {part.width}x{part.height} px, expected "
+                f"{first.width}x{first.height} px and the same SensorModel, as in part 0"
             )
         if len(part) == 0:
             continue
         if last_us is not None and part.t_us[0] < last_us:
             raise EventFormatError(
-                f"part {k}: starts at {part.t_us[0]} us, expected no earlier than {last_us} us, "
-                "where the part before it ends"
+                f"part {k}: starts at {part.t_us[0]} us, but earlier parts end at {last_us} us"
             )
         last_us = int(part.t_us[-1])
         while count + len(part) >= PART_EVENTS:
@@ -52,7 +48,7 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             held.append(_alone(part))
             count += len(part)
     if first is None:
-        raise EventFormatError("parts: found none, expected at least one, which may be empty")
+        raise EventFormatError("parts: found none, expected at least one part, which may be empty")
     if held:
         yield concatenate(held)
     elif last_us is None:
@@ -102,7 +98,7 @@ def in_order(
             backwards = np.flatnonzero(before_us[1:] < before_us[:-1])
             if len(backwards):
                 raise EventFormatError(
-                    f"{where}: event {backwards[0]} there is earlier than the one before it "
+                    f"{where}: its event {backwards[0]} is earlier than the event before it "
                     "(--sort or sort=True sorts the events)"
                 )
             last_us = int(events.t_us[-1])

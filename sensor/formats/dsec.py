@@ -26,13 +26,7 @@ from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.hdf5_file import check_stored, load_h5py, text_of, writable
-from sensor.formats.header import (
-    Header,
-    model_from_json,
-    model_to_json,
-    origin_from_json,
-    origin_to_json,
-)
+from sensor.formats.header import Header, facts_from_json, facts_to_json
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 TITLE = "DSEC HDF5"
@@ -57,22 +51,15 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     with writable(path, new=True) as (file, storage):
         file.attrs["width"] = header.width
         file.attrs["height"] = header.height
-        # Texts have a fixed length: HDF5 has no checksum for texts of variable length.
-        file.attrs["origin"] = np.bytes_(origin_to_json(header.origin).encode())
-        if header.model is not None:
-            file.attrs["sensor_model"] = np.bytes_(model_to_json(header.model).encode())
+        for name, text in facts_to_json(header).items():
+            # Texts have a fixed length: HDF5 has no checksum for texts of variable length.
+            file.attrs[name] = np.bytes_(text.encode())
+
+        options = {"maxshape": (None,), "chunks": (_CHUNK_EVENTS,), "shuffle": True}
+        options |= {"fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
 
         def create(name: str, dtype: type) -> Any:
-            return file.create_dataset(
-                name,
-                (0,),
-                dtype,
-                maxshape=(None,),
-                chunks=(_CHUNK_EVENTS,),
-                shuffle=True,
-                fletcher32=True,
-                **hdf5plugin.Zstd(clevel=1),
-            )
+            return file.create_dataset(name, (0,), dtype, **options)
 
         parts = storage.each(parts)
         first = next(parts)
@@ -84,15 +71,11 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         count = 0
         for part in itertools.chain([first] if len(first) else [], parts):
             last_us = int(part.t_us[-1]) - offset_us
-            if last_us >= _MAX_SPAN_US and not offset_us:
+            limit_us = _MAX_INDEXED_US if offset_us else _MAX_SPAN_US
+            if last_us >= limit_us:
                 raise EventFormatError(
-                    f"DSEC has 32 bits for times: found {last_us} us, expected less than "
-                    f"{_MAX_SPAN_US} us; split the recording"
-                )
-            if last_us >= _MAX_INDEXED_US:
-                raise EventFormatError(
-                    f"DSEC has an index of every millisecond: found {last_us} us after t_offset, "
-                    f"expected less than {_MAX_INDEXED_US} us; split the recording"
+                    f"DSEC: found {last_us} us after t_offset, expected less than {limit_us} us; "
+                    "split the recording"
                 )
             t = part.t_us - offset_us
             last_ms = last_us // 1000
@@ -120,23 +103,18 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 
 def end_us(start_us: int, t_offset_us: int) -> int:
-    """Return the time before which events must end.
-
-    Returns
-    -------
-    The time, us.
-    """
+    """Return the exclusive upper bound on event times, us."""
     offset_us = _offset_us(start_us, t_offset_us)
     return offset_us + (_MAX_INDEXED_US if offset_us else _MAX_SPAN_US)
 
 
 def _offset_us(start_us: int, offset_us: int) -> int:
-    """Return t_offset: that of the header if it suits the events, or else a time before them."""
+    """Return the given offset if it suits the events, or else a time just before them."""
     if not 0 <= start_us - offset_us < _MAX_START_US:
         offset_us = start_us // 1000 * 1000
     if abs(offset_us) >= _MAX_OFFSET_US:
         raise EventFormatError(
-            f"dsec: found events from {start_us} us on, expected a start less than 2^62 us from 0"
+            f"DSEC: the first event is at {start_us} us, expected less than 2^62 us from 0"
         )
     return offset_us
 
@@ -156,25 +134,19 @@ def _opened(path: Path) -> Iterator[Any]:
 def read_header(path: Path) -> Header:
     """Read size, model, origin and t_offset; the files of DSEC itself have only t_offset."""
     with _opened(path) as file:
-        found: dict[str, Any] = {}
+        stored: dict[str, Any] = {}
         for name in _ATTRIBUTES:
             with reading(f"attribute {name}"):
                 if name in file.attrs:
                     value = file.attrs[name]
-                    found[name] = _whole(value) if name in ("width", "height") else _text(value)
+                    stored[name] = _whole(value) if name in ("width", "height") else _text(value)
         offset_us = _read_offset_us(file)
         places = (*_PLACES, "triggers") if _has_triggers(file) else _PLACES
         others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, places))
         if isinstance(file.get("events"), load_h5py().Group):
             others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
-    return Header(
-        found.get("width"),
-        found.get("height"),
-        model_from_json(found["sensor_model"]) if "sensor_model" in found else None,
-        origin_from_json(found["origin"]) if "origin" in found else {},
-        offset_us,
-        others,
-    )
+    size = stored.get("width"), stored.get("height")
+    return Header(*size, *facts_from_json(stored), offset_us, others)
 
 
 def _strangers(names: Iterable[str | bytes], known: Container[str]) -> Iterator[str]:
@@ -213,7 +185,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         for name, column in columns.items():
             if len(column) != length:
                 raise EventFormatError(
-                    f"events/{name}: found {len(column)} entries, expected {length} as in events/t"
+                    f"events/{name}: has {len(column)} entries, but events/t has {length}"
                 )
         offset_us = _read_offset_us(file)
         yield no_events(width, height, header.model)
@@ -267,13 +239,12 @@ def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: H
     limits = {"t": 1 << 62, "x": width, "y": height, "p": 2}
     for name, limit in limits.items():
         column = values[name]
-        least, most = int(column.min()), int(column.max())
-        if least < 0 or most >= limit:
-            wrong = least if least < 0 else most
-            k = start + int(np.argmax(column == wrong))
-            raise EventFormatError(
-                f"events/{name}, entry {k}: found {wrong}, expected 0 to {limit - 1}"
-            )
+        for wrong in (int(column.min()), int(column.max())):
+            if not 0 <= wrong < limit:
+                k = start + int(np.argmax(column == wrong))
+                raise EventFormatError(
+                    f"events/{name}, entry {k}: found {wrong}, expected 0 to {limit - 1}"
+                )
     with reading(f"events from {start}"):
         return Events(
             values["t"].astype(np.int64) + offset_us,

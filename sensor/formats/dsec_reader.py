@@ -15,8 +15,8 @@ from sensor.formats.hdf5_file import check_stored, load_h5py
 class DsecReader:
     """A DSEC file that stays open, for windows in any order.
 
-    Only the chunks of 65536 events that overlap a window are read. After a fork, HDF5 files must be
-    opened again. `close`, or a `with` statement, closes the file.
+    Only the chunks of 65536 events that overlap a window are read. After a fork, open the file
+    again. `close`, or a `with` statement, closes it.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class DsecReader:
     Raises
     ------
     EventFormatError
-        The file is damaged, has no index of milliseconds, or its size is neither stored nor given.
+        The file is damaged or has no index of milliseconds, or no size is stored or given.
     OSError
         The file cannot be read.
 
@@ -99,20 +99,17 @@ class DsecReader:
             return 0
         ms = t_us // 1000
         with reading(self.path, dsec.TITLE):
-            if ms >= len(self._ms_to_idx):  # within the last millisecond, or later
-                first, stop = int(self._ms_to_idx[-1]) if len(self._ms_to_idx) else 0, len(self)
-            else:
-                first, stop = int(self._ms_to_idx[ms]), len(self)
-                if ms + 1 < len(self._ms_to_idx):
-                    stop = int(self._ms_to_idx[ms + 1])
+            known = len(self._ms_to_idx)  # later times are within the last millisecond, or later
+            first = int(self._ms_to_idx[min(ms, known - 1)]) if known else 0
+            stop = int(self._ms_to_idx[ms + 1]) if ms + 1 < known else len(self)
             t = self._columns["t"]
             is_damaged = not first <= stop <= len(self)
-            found = 0 if is_damaged else first + int(np.searchsorted(t[first:stop], t_us))
-            after_others = found > first or found == 0 or t[found - 1] < t_us
-            before_others = found < stop or found == len(self) or t[found] >= t_us
+            index = 0 if is_damaged else first + int(np.searchsorted(t[first:stop], t_us))
+            after_others = index > first or index == 0 or t[index - 1] < t_us
+            before_others = index < stop or index == len(self) or t[index] >= t_us
             if is_damaged or not (after_others and before_others):
                 raise EventFormatError(f"events: ms_to_idx does not fit the times, near {ms} ms")
-            return found
+            return index
 
     def part(self, first: int, stop: int) -> Events:
         """Return events by their index in the file.

@@ -30,35 +30,10 @@ import numpy as np
 
 from sensor.errors import EventFormatError, reading
 from sensor.events import Columns, Events, no_events
-from sensor.formats import batching
+from sensor.formats import batching, evt_words
 from sensor.formats.evt_systems import system_of
-from sensor.formats.evt_words import (
-    BACKWARDS,
-    BAD_WORD,
-    BAD_X,
-    BAD_Y,
-    CHANNEL_SHIFT,
-    DONE,
-    FOUND,
-    FULL,
-    HELD,
-    LAST_US,
-    NO_BASE,
-    SKIPPED,
-    STATE_SIZE,
-    STEP_BACK_US,
-    TRIGGER,
-    Layout,
-    Y,
-    decode_triggers,
-)
-from sensor.formats.header import (
-    Header,
-    model_from_json,
-    model_to_json,
-    origin_from_json,
-    origin_to_json,
-)
+from sensor.formats.evt_words import Layout, decode_triggers
+from sensor.formats.header import Header, facts_from_json, facts_to_json
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 _log = logging.getLogger(__name__)
@@ -101,8 +76,8 @@ class Codec:
 
 
 def _new_state() -> np.ndarray:
-    state = np.full(STATE_SIZE, -1, np.int64)
-    state[[SKIPPED, HELD, STEP_BACK_US]] = 0
+    state = np.full(evt_words.STATE_SIZE, -1, np.int64)
+    state[[evt_words.SKIPPED, evt_words.HELD, evt_words.STEP_BACK_US]] = 0
     return state
 
 
@@ -119,10 +94,10 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         f"format {codec.name};height={height};width={width}",
         f"geometry {width}x{height}",
     ]
-    if header.model is not None:
-        lines.append(f"sensor_model {model_to_json(header.model)}")
-    if header.origin:
-        lines.append(f"origin {origin_to_json(header.origin)}")
+    facts = facts_to_json(header)
+    for name in ("sensor_model", "origin"):
+        if facts.get(name, "{}") != "{}":
+            lines.append(f"{name} {facts[name]}")
     parts = iter(parts)
     first = next(parts)
     start_us = _start_us(int(first.t_us[0]) if len(first) else 0, header.t_offset_us)
@@ -145,10 +120,9 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
             columns = part.columns._replace(t_us=part.t_us - start_us)
             t = columns.t_us
             if len(part) and not 0 <= t[0] <= t[-1] < MAX_TIME_US:
-                wrong = t[0] if t[0] < 0 else t[-1]
                 raise EventFormatError(
-                    f"{codec.name}: found time {wrong} us, expected 0 to {MAX_TIME_US - 1} us; "
-                    "subtract an offset first (--from-start, --shift-us)"
+                    f"{codec.name}: found times from {t[0]} to {t[-1]} us, expected 0 to "
+                    f"{MAX_TIME_US - 1} us; subtract an offset first (--from-start, --shift-us)"
                 )
             done = 0
             while len(part) and written < len(triggers) and triggers.t_us[written] <= t[-1]:
@@ -180,8 +154,8 @@ class _Words:
         done = 0
         while done < len(events.t_us):
             rest = events.part(slice(done, None))
-            taken, made = self._codec.encode(rest, self._width, self._state, self._words)
-            words = self._words[:made]
+            taken, count = self._codec.encode(rest, self._width, self._state, self._words)
+            words = self._words[:count]
             if trigger is not None and taken:
                 words[-1] = words[-1] & self._codec.layout.time_bits | trigger
             self._file.write(words.astype(words.dtype.newbyteorder("<"), copy=False).data)
@@ -189,40 +163,29 @@ class _Words:
 
     def put_trigger(self, triggers: Triggers, k: int) -> None:
         """Write a trigger, with the words of the clock that an event at its time would have."""
-        row = max(0, self._state[Y])
-        event = Columns(
-            triggers.t_us[k : k + 1],
-            np.zeros(1, np.uint16),
-            np.full(1, row, np.uint16),
-            triggers.p[k : k + 1],
-        )
-        kind = TRIGGER << self._codec.layout.kind_shift
-        self.put(event, kind | int(triggers.channel[k]) << CHANNEL_SHIFT | int(triggers.p[k] > 0))
+        row = max(0, self._state[evt_words.Y])
+        x, y = np.array([[0], [row]], np.uint16)
+        event = Columns(triggers.t_us[k : k + 1], x, y, triggers.p[k : k + 1])
+        kind = evt_words.TRIGGER << self._codec.layout.kind_shift
+        channel = int(triggers.channel[k]) << evt_words.CHANNEL_SHIFT
+        self.put(event, kind | channel | int(triggers.p[k] > 0))
 
 
 def _check_triggers(triggers: Triggers, codec: Codec) -> None:
     if len(triggers) == 0:
         return
     first_us, last_us = triggers.t_us[[0, -1]]
-    if first_us < 0 or last_us >= MAX_TIME_US:
+    highest, channels = triggers.channel.max(), codec.layout.channels
+    if first_us < 0 or last_us >= MAX_TIME_US or highest >= channels:
         raise EventFormatError(
-            f"{codec.name}: found triggers from {first_us} to {last_us} us, expected 0 to "
-            f"{MAX_TIME_US - 1} us; shift the clock first (--shift-us)"
-        )
-    if triggers.channel.max() >= codec.layout.channels:
-        raise EventFormatError(
-            f"{codec.name}: found a trigger on channel {triggers.channel.max()}, expected 0 to "
-            f"{codec.layout.channels - 1}"
+            f"{codec.name}: found triggers from {first_us} to {last_us} us on channels up to "
+            f"{highest}, expected 0 to {MAX_TIME_US - 1} us on channels 0 to {channels - 1}; "
+            "--shift-us moves the clock"
         )
 
 
 def end_us(start_us: int, t_offset_us: int) -> int:
-    """Return the time before which events must end.
-
-    Returns
-    -------
-    The time, us.
-    """
+    """Return the exclusive upper bound on event times, us."""
     return _start_us(start_us, t_offset_us) + MAX_TIME_US
 
 
@@ -257,8 +220,8 @@ def read_version(path: Path) -> str:
         version = _read_raw(file).version
     if version is None:
         raise EventFormatError(
-            f"{path}: the header does not say which version of EVT it is; expected '% evt 3.0' or "
-            "'% format EVT3;...', or the format by name (evt2, evt3)"
+            f"{path}: the header does not say which version of EVT the file has; expected a line "
+            "'% evt 3.0' or '% format EVT3;...'; or give the format by name (evt2, evt3)"
         )
     return version
 
@@ -302,14 +265,9 @@ def _read_raw(file: BinaryIO) -> _Raw:
     width, height = _size(fields)
     start_us = _number(fields, "t0") or 0
     clock_us = _number(fields, "t_offset", least=-_MOST)
-    header = Header(
-        width,
-        height,
-        model_from_json(fields["sensor_model"]) if "sensor_model" in fields else None,
-        origin_from_json(fields["origin"]) if "origin" in fields else {},
-        start_us if clock_us is None else clock_us,
-        tuple(name for name in fields if name and name not in _FIELDS),
-    )
+    others = tuple(name for name in fields if name and name not in _FIELDS)
+    offset_us = start_us if clock_us is None else clock_us
+    header = Header(width, height, *facts_from_json(fields), offset_us, others)
     triggers = _number(fields, "trigger_count")
     return _Raw(_version(fields), header, count, triggers, start_us, length)
 
@@ -325,18 +283,18 @@ def _number(fields: dict[str, str], name: str, least: int = 0) -> int | None:
 
 
 def _version(fields: dict[str, str]) -> str | None:
-    said = set()
+    versions = set()
     if "evt" in fields:
-        said.add({"2.0": "evt2", "3.0": "evt3"}.get(fields["evt"], fields["evt"]))
+        versions.add({"2.0": "evt2", "3.0": "evt3"}.get(fields["evt"], fields["evt"]))
     if "format" in fields:
-        said.add(fields["format"].split(";")[0].lower())
-    if len(said) > 1 or not said <= {"evt2", "evt3"}:
+        versions.add(fields["format"].split(";")[0].lower())
+    if len(versions) > 1 or not versions <= {"evt2", "evt3"}:
         raise EventFormatError(
-            f"header: found version {' and '.join(sorted(said))!r}, expected EVT2 or EVT3"
+            f"header: found version {' and '.join(sorted(versions))!r}, expected EVT2 or EVT3"
         )
-    if not said and (system := system_of(fields)):
+    if not versions and (system := system_of(fields)):
         return system.version
-    return said.pop() if said else None
+    return versions.pop() if versions else None
 
 
 def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
@@ -344,22 +302,22 @@ def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
 
     Old files have neither; their number of the system gives the size.
     """
-    said = set()
+    sizes = set()
     if "geometry" in fields:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", fields["geometry"], re.ASCII)
         if match is None:
             raise EventFormatError(
                 f"header, geometry: found {fields['geometry'][:40]!r}, expected WIDTHxHEIGHT"
             )
-        said.add((int(match[1]), int(match[2])))
+        sizes.add((int(match[1]), int(match[2])))
     options = dict(re.findall(r";\s*(\w+)=(\d{1,9})(?=;|$)", fields.get("format", ""), re.ASCII))
     if {"width", "height"} <= options.keys():
-        said.add((int(options["width"]), int(options["height"])))
-    if len(said) > 1:
-        raise EventFormatError(f"header: found two sizes, {sorted(said)}, expected one")
-    if not said and (system := system_of(fields)):
+        sizes.add((int(options["width"]), int(options["height"])))
+    if len(sizes) > 1:
+        raise EventFormatError(f"header: found two sizes, {sorted(sizes)}, expected one")
+    if not sizes and (system := system_of(fields)):
         return system.width, system.height
-    return said.pop() if said else (None, None)
+    return sizes.pop() if sizes else (None, None)
 
 
 def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
@@ -384,27 +342,27 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
             while len(words):
                 room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
                 columns = Columns.room(room)
-                taken, made, found = codec.decode(words, width, height, state, columns)
-                columns.t_us[:made] += raw.start_us
+                taken, decoded, stop = codec.decode(words, width, height, state, columns)
+                columns.t_us[:decoded] += raw.start_us
                 offset += size * taken
-                if made:
-                    count += made
-                    yield Events.trusted(*columns.part(slice(made)), like=none)
-                if found not in (DONE, FULL):
+                if decoded:
+                    count += decoded
+                    yield Events.trusted(*columns.part(slice(decoded)), like=none)
+                if stop not in (evt_words.DONE, evt_words.FULL):
                     word = f"{words[taken]:#0{2 + 2 * size}x}"
-                    raise EventFormatError(f"byte {offset}, word {word}: {_reason(found, state)}")
+                    raise EventFormatError(f"byte {offset}, word {word}: {_reason(stop, state)}")
                 words = words[taken:]
     _check_count(raw.trigger_count, triggers, "triggers", offset)
-    held = int(state[HELD])
-    if held:
+    if held := int(state[evt_words.HELD]):
         _log.warning(
-            "%s: the clock steps back by up to %d us at %d words of events, which get the time of "
-            "the event before them",
-            *(path, state[STEP_BACK_US], held),
+            "%s: the clock steps back by up to %d us in %d words of events; these events get the "
+            "time of the previous event",
+            path,
+            state[evt_words.STEP_BACK_US],
+            held,
         )
-    skipped = int(state[SKIPPED])
     _check_count(raw.count, count, "events", offset)
-    if skipped:
+    if skipped := int(state[evt_words.SKIPPED]):
         _log.warning(
             "%s: skipped %d events before the first time and row of the stream", path, skipped
         )
@@ -423,22 +381,22 @@ def _blocks(file: BinaryIO, offset: int, codec: Codec) -> Iterator[np.ndarray]:
 
 
 def _triggers_in(words: np.ndarray, codec: Codec) -> int:
-    return int(np.count_nonzero(words >> codec.layout.kind_shift == TRIGGER))
+    return int(np.count_nonzero(words >> codec.layout.kind_shift == evt_words.TRIGGER))
 
 
-def _check_count(expected: int | None, found: int, what: str, offset: int) -> None:
+def _check_count(expected: int | None, count: int, what: str, offset: int) -> None:
     """Refuse a file whose header has another number of events or triggers."""
-    if expected is not None and expected != found:
+    if expected not in (None, count):
         raise EventFormatError(
-            f"byte {offset}: the file ends after {found} {what}, expected {expected} as its "
-            "header says; the file is truncated or damaged"
+            f"byte {offset}: the file ends after {count} {what}, but its header says {expected}; "
+            "it is truncated or damaged"
         )
 
 
 def read_triggers(path: Path, codec: Codec) -> Triggers:
     """Read the external triggers of a RAW file, from all of its words."""
     state = _new_state()
-    found = []
+    parts = []
     count = 0
     with path.open("rb") as file:
         raw = _of_version(_read_raw(file), codec)
@@ -446,22 +404,23 @@ def read_triggers(path: Path, codec: Codec) -> Triggers:
         for words in _blocks(file, offset, codec):
             room = _triggers_in(words, codec)
             columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int8)
-            made = decode_triggers(words, codec.layout, state, *columns)
-            found.append([column[:made] for column in columns])
+            decoded = decode_triggers(words, codec.layout, state, *columns)
+            parts.append([column[:decoded] for column in columns])
             count += room
             offset += words.nbytes
     _check_count(raw.trigger_count, count, "triggers", offset)
-    if not found:
+    if not parts:
         return NO_TRIGGERS
-    t_us, channel, p = (np.concatenate(column) for column in zip(*found, strict=True))
+    t_us, channel, p = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Triggers(t_us + raw.start_us, channel, p)
 
 
-def _reason(found: int, state: np.ndarray) -> str:
+def _reason(stop: int, state: np.ndarray) -> str:
+    value, last_us = state[[evt_words.FOUND, evt_words.LAST_US]]
     return {
-        BAD_X: f"found x = {state[FOUND]}, outside the sensor",
-        BAD_Y: f"found y = {state[FOUND]}, outside the sensor",
-        BACKWARDS: f"found time {state[FOUND]} us after {state[LAST_US]} us",
-        BAD_WORD: "found a word of a type that the format does not have",
-        NO_BASE: "found a vector of events before any word that says where it starts",
-    }[found]
+        evt_words.BAD_X: f"found x = {value}, outside the sensor",
+        evt_words.BAD_Y: f"found y = {value}, outside the sensor",
+        evt_words.BACKWARDS: f"found time {value} us after {last_us} us",
+        evt_words.BAD_WORD: "the format has no word of this type",
+        evt_words.NO_BASE: "found a vector of events before a word with its start",
+    }[stop]

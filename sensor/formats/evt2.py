@@ -13,25 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensor.formats import evt
+from sensor.formats import evt, evt_words
 from sensor.formats.compiling import jit
-from sensor.formats.evt_words import (
-    BACKWARDS,
-    BAD_WORD,
-    BAD_X,
-    BAD_Y,
-    DONE,
-    FOUND,
-    FULL,
-    HIGH,
-    HIGH_TIME,
-    LAST_US,
-    SKIPPED,
-    TRIGGER,
-    Layout,
-    held,
-    turned,
-)
+from sensor.formats.evt_words import Layout, held, turned
 
 _WRAP = 1 << 28  # values of the high part
 
@@ -48,29 +32,29 @@ def encode(events, width, state, words):
         (m,) uint32 output.
     """
     t, x, y, p = events
-    made = 0
-    high = state[HIGH]
+    done = 0
+    high = state[evt_words.HIGH]
     for i in range(t.size):
         target = t[i] >> 6
         while high < target:
-            if made == words.size:
-                state[HIGH] = high
-                return i, made
+            if done == words.size:
+                state[evt_words.HIGH] = high
+                return i, done
             # Start at 0 and write every wrap of the clock, since readers count them.
             if high < 0 or high % _WRAP == _WRAP - 1:
                 high += 1
             else:
                 high = min(target, high | (_WRAP - 1))
-            words[made] = (8 << 28) | (high % _WRAP)
-            made += 1
-        if made == words.size:
-            state[HIGH] = high
-            return i, made
+            words[done] = (8 << 28) | (high % _WRAP)
+            done += 1
+        if done == words.size:
+            state[evt_words.HIGH] = high
+            return i, done
         kind = np.int64(p[i] > 0)
-        words[made] = (kind << 28) | ((t[i] & 63) << 22) | (np.int64(x[i]) << 11) | np.int64(y[i])
-        made += 1
-    state[HIGH] = high
-    return t.size, made
+        words[done] = (kind << 28) | ((t[i] & 63) << 22) | (np.int64(x[i]) << 11) | np.int64(y[i])
+        done += 1
+    state[evt_words.HIGH] = high
+    return t.size, done
 
 
 @jit
@@ -85,51 +69,51 @@ def decode(words, width, height, state, events):
         (STATE_SIZE,) int64, updated.
     """
     t, x, y, p = events
-    made = 0
-    high = state[HIGH]
-    last = state[LAST_US]
-    found = DONE
+    done = 0
+    high = state[evt_words.HIGH]
+    last = state[evt_words.LAST_US]
+    stop = evt_words.DONE
     i = 0
     while i < words.size:
         word = np.int64(words[i])
         kind = word >> 28
         if kind <= 1:
             if high < 0:
-                state[SKIPPED] += 1
-            elif made == t.size:
-                found = FULL
+                state[evt_words.SKIPPED] += 1
+            elif done == t.size:
+                stop = evt_words.FULL
                 break
             else:
                 time = held((high << 6) | ((word >> 22) & 63), last, 6, state)
                 column = (word >> 11) & 0x7FF
                 row = word & 0x7FF
                 if column >= width:
-                    found = BAD_X
-                    state[FOUND] = column
+                    stop = evt_words.BAD_X
+                    state[evt_words.FOUND] = column
                     break
                 if row >= height:
-                    found = BAD_Y
-                    state[FOUND] = row
+                    stop = evt_words.BAD_Y
+                    state[evt_words.FOUND] = row
                     break
                 if time < last:
-                    found = BACKWARDS
-                    state[FOUND] = time
+                    stop = evt_words.BACKWARDS
+                    state[evt_words.FOUND] = time
                     break
                 last = time
-                t[made] = time
-                x[made] = column
-                y[made] = row
-                p[made] = 2 * kind - 1
-                made += 1
-        elif kind == HIGH_TIME:
+                t[done] = time
+                x[done] = column
+                y[done] = row
+                p[done] = 2 * kind - 1
+                done += 1
+        elif kind == evt_words.HIGH_TIME:
             high = turned(high, word & (_WRAP - 1), _WRAP)
-        elif kind != TRIGGER and kind != 0xE and kind != 0xF:
-            found = BAD_WORD
+        elif kind != evt_words.TRIGGER and kind != 0xE and kind != 0xF:
+            stop = evt_words.BAD_WORD
             break
         i += 1
-    state[HIGH] = high
-    state[LAST_US] = last
-    return i, made, found
+    state[evt_words.HIGH] = high
+    state[evt_words.LAST_US] = last
+    return i, done, stop
 
 
 LAYOUT = Layout(kind_shift=28, high_bits=28, low_bits=6, low_shift=22, channels=32)

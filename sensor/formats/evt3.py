@@ -20,31 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensor.formats import evt
+from sensor.formats import evt, evt_words
 from sensor.formats.compiling import jit
-from sensor.formats.evt_words import (
-    BACKWARDS,
-    BAD_WORD,
-    BAD_X,
-    BAD_Y,
-    BASE_P,
-    BASE_X,
-    DONE,
-    FOUND,
-    FULL,
-    HIGH,
-    HIGH_TIME,
-    LAST_US,
-    LOW,
-    LOW_TIME,
-    NO_BASE,
-    SKIPPED,
-    TRIGGER,
-    Layout,
-    Y,
-    held,
-    turned,
-)
+from sensor.formats.evt_words import Layout, held, turned
 
 _WRAP = 1 << 12  # values of the high part
 _STRIDE = 1 << 10  # largest step of the high part in one word: some decoders refuse larger ones
@@ -63,10 +41,10 @@ def encode(events, width, state, words):
         (m,) uint16 output.
     """
     t, x, y, p = events
-    made = 0
+    done = 0
     i = 0
-    while i < t.size and made + _MAX_WORDS <= words.size:
-        high = state[HIGH]
+    while i < t.size and done + _MAX_WORDS <= words.size:
+        high = state[evt_words.HIGH]
         target = t[i] >> 12
         if high < target:
             # Start at 0 and write every wrap of the clock, since readers count them.
@@ -74,21 +52,21 @@ def encode(events, width, state, words):
                 high += 1
             else:
                 high = min(target, high | (_STRIDE - 1))
-            words[made] = (8 << 12) | (high % _WRAP)
-            made += 1
-            state[HIGH] = high
-            state[LOW] = -1
+            words[done] = (8 << 12) | (high % _WRAP)
+            done += 1
+            state[evt_words.HIGH] = high
+            state[evt_words.LOW] = -1
             continue
         low = t[i] & 0xFFF
-        if low != state[LOW]:
-            words[made] = (6 << 12) | low
-            made += 1
-            state[LOW] = low
+        if low != state[evt_words.LOW]:
+            words[done] = (6 << 12) | low
+            done += 1
+            state[evt_words.LOW] = low
         row = np.int64(y[i])
-        if row != state[Y]:
-            words[made] = row
-            made += 1
-            state[Y] = row
+        if row != state[evt_words.Y]:
+            words[done] = row
+            done += 1
+            state[evt_words.Y] = row
         first = np.int64(x[i])
         polarity = np.int64(p[i] > 0)
         # Events for one group of vectors: from left to right, within 32 pixels.
@@ -105,23 +83,23 @@ def encode(events, width, state, words):
             ):
                 bits |= np.int64(1) << (np.int64(x[after]) - first)
                 after += 1
-        new_base = state[BASE_X] != first or state[BASE_P] != polarity
+        new_base = state[evt_words.BASE_X] != first or state[evt_words.BASE_P] != polarity
         if after - i > 3 + np.int64(new_base):
             if new_base:
-                words[made] = (3 << 12) | (polarity << 11) | first
-                made += 1
-            words[made] = (4 << 12) | (bits & 0xFFF)
-            words[made + 1] = (4 << 12) | ((bits >> 12) & 0xFFF)
-            words[made + 2] = (5 << 12) | (bits >> 24)
-            made += 3
-            state[BASE_X] = first + 32
-            state[BASE_P] = polarity
+                words[done] = (3 << 12) | (polarity << 11) | first
+                done += 1
+            words[done] = (4 << 12) | (bits & 0xFFF)
+            words[done + 1] = (4 << 12) | ((bits >> 12) & 0xFFF)
+            words[done + 2] = (5 << 12) | (bits >> 24)
+            done += 3
+            state[evt_words.BASE_X] = first + 32
+            state[evt_words.BASE_P] = polarity
             i = after
         else:
-            words[made] = (2 << 12) | (polarity << 11) | first
-            made += 1
+            words[done] = (2 << 12) | (polarity << 11) | first
+            done += 1
             i += 1
-    return i, made
+    return i, done
 
 
 @jit
@@ -136,14 +114,14 @@ def decode(words, width, height, state, events):
         (STATE_SIZE,) int64, updated.
     """
     t, x, y, p = events
-    made = 0
-    high = state[HIGH]
-    low = state[LOW]
-    row = state[Y]
-    base = state[BASE_X]
-    base_p = state[BASE_P]
-    last = state[LAST_US]
-    found = DONE
+    done = 0
+    high = state[evt_words.HIGH]
+    low = state[evt_words.LOW]
+    row = state[evt_words.Y]
+    base = state[evt_words.BASE_X]
+    base_p = state[evt_words.BASE_P]
+    last = state[evt_words.LAST_US]
+    stop = evt_words.DONE
     i = 0
     while i < words.size:
         word = np.int64(words[i])
@@ -161,48 +139,48 @@ def decode(words, width, height, state, events):
                 polarity = base_p
             if high < 0 or row < 0:
                 while bits:
-                    state[SKIPPED] += bits & 1
+                    state[evt_words.SKIPPED] += bits & 1
                     bits >>= 1
             else:
-                if made + size > t.size:
-                    found = FULL
+                if done + size > t.size:
+                    stop = evt_words.FULL
                     break
                 time = held((high << 12) | low, last, 12, state)
                 if first < 0:
-                    found = NO_BASE
+                    stop = evt_words.NO_BASE
                     break
                 if row >= height:
-                    found = BAD_Y
-                    state[FOUND] = row
+                    stop = evt_words.BAD_Y
+                    state[evt_words.FOUND] = row
                     break
                 if time < last:
-                    found = BACKWARDS
-                    state[FOUND] = time
+                    stop = evt_words.BACKWARDS
+                    state[evt_words.FOUND] = time
                     break
                 column = first
                 while bits:
                     if bits & 1:
                         if column >= width:
-                            found = BAD_X
-                            state[FOUND] = column
+                            stop = evt_words.BAD_X
+                            state[evt_words.FOUND] = column
                             break
-                        t[made] = time
-                        x[made] = column
-                        y[made] = row
-                        p[made] = 2 * polarity - 1
-                        made += 1
+                        t[done] = time
+                        x[done] = column
+                        y[done] = row
+                        p[done] = 2 * polarity - 1
+                        done += 1
                         last = time
                     bits >>= 1
                     column += 1
-                if found == BAD_X:
+                if stop == evt_words.BAD_X:
                     break
             if kind != 2 and base >= 0:
                 base += size
-        elif kind == LOW_TIME:
+        elif kind == evt_words.LOW_TIME:
             low = word & 0xFFF
         elif kind == 0:
             row = word & 0x7FF
-        elif kind == HIGH_TIME:
+        elif kind == evt_words.HIGH_TIME:
             before = high
             high = turned(high, word & (_WRAP - 1), _WRAP)
             if high != before:
@@ -210,17 +188,17 @@ def decode(words, width, height, state, events):
         elif kind == 3:
             base = word & 0x7FF
             base_p = (word >> 11) & 1
-        elif kind != 7 and kind != TRIGGER and kind < 0xD:
-            found = BAD_WORD
+        elif kind != 7 and kind != evt_words.TRIGGER and kind < 0xD:
+            stop = evt_words.BAD_WORD
             break
         i += 1
-    state[HIGH] = high
-    state[LOW] = low
-    state[Y] = row
-    state[BASE_X] = base
-    state[BASE_P] = base_p
-    state[LAST_US] = last
-    return i, made, found
+    state[evt_words.HIGH] = high
+    state[evt_words.LOW] = low
+    state[evt_words.Y] = row
+    state[evt_words.BASE_X] = base
+    state[evt_words.BASE_P] = base_p
+    state[evt_words.LAST_US] = last
+    return i, done, stop
 
 
 LAYOUT = Layout(kind_shift=12, high_bits=12, low_bits=12, low_shift=-1, channels=16)

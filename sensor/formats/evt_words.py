@@ -62,11 +62,11 @@ def turned(high, new, wrap):
 
 @jit
 def held(time, last, low_bits, state):
-    """Return the time of an event; where the low part stepped back, that of the event before it.
+    """Return the time of an event, or of the event before it if the low part stepped back.
 
-    Some cameras write a low part that is a little smaller than the one before, without a new high
-    part. The clock then stands still until it catches up. If the high part steps back, the time is
-    returned as it is, before the last one.
+    Some cameras write a low part that is a little smaller than the last, without a new high part.
+    The clock then stands still until it catches up. If the high part steps back, the time is
+    returned as it is.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def decode_triggers(words, layout, state, t_us, channel, p):
     """
     wrap = 1 << layout.high_bits
     low_values = 1 << layout.low_bits
-    made = 0
+    count = 0
     high = state[HIGH]
     low = state[LOW]
     last = state[LAST_US]
@@ -114,11 +114,11 @@ def decode_triggers(words, layout, state, t_us, channel, p):
             if time < last and last >> layout.low_bits == high:
                 time = last  # as `held` does for events
             last = time
-            t_us[made] = time
-            channel[made] = (word >> CHANNEL_SHIFT) % layout.channels
-            p[made] = 1 if word & 1 else -1
-            made += 1
+            t_us[count] = time
+            channel[count] = (word >> CHANNEL_SHIFT) % layout.channels
+            p[count] = 1 if word & 1 else -1
+            count += 1
     state[HIGH] = high
     state[LOW] = low
     state[LAST_US] = last
-    return made
+    return count

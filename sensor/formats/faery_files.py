@@ -46,8 +46,8 @@ def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
         except _Ended:
             code = process.wait()
             errors.seek(0)
-            said = errors.read().decode("utf-8", "replace").strip().splitlines()
-            reason = said[-1] if code > 0 and said else "its decoder ended; the file is damaged"
+            lines = errors.read().decode("utf-8", "replace").strip().splitlines()
+            reason = lines[-1] if code > 0 and lines else "its decoder ended; the file is damaged"
             raise EventFormatError(f"faery cannot read it: {reason}") from None
         finally:
             process.kill()
@@ -68,9 +68,9 @@ def _header(pipe: IO[bytes]) -> Header:
     line = pipe.readline()
     if not line.endswith(b"\n"):
         raise _Ended
-    found = json.loads(line)
-    width, height = found["size"] or (None, None)
-    return Header(width, height, others=tuple(found["others"]))
+    header = json.loads(line)
+    width, height = header["size"] or (None, None)
+    return Header(width, height, others=tuple(header["others"]))
 
 
 def read_header(path: Path, kind: str) -> Header:
@@ -79,8 +79,7 @@ def read_header(path: Path, kind: str) -> Header:
         start = file.read(14)
     if kind == "aedat4" and start.startswith(b"#!AER-DAT") and start[9:12] != b"4.0":
         raise EventFormatError(
-            f"found AEDAT {start[9:12].decode('latin-1')}, expected AEDAT 4.0 or 3.1: other "
-            "versions cannot be read"
+            f"found AEDAT {start[9:12].decode('latin-1')}; only AEDAT 4.0 and 3.1 can be read"
         )
     with _decoding(path, kind, "header") as pipe:
         return _header(pipe)
@@ -104,13 +103,13 @@ def _packets(path: Path, none: Events, kind: str) -> Iterator[tuple[str, Events]
             done += count
 
 
-def _checked(found: np.ndarray, where: str, none: Events) -> Events:
+def _checked(packet: np.ndarray, where: str, none: Events) -> Events:
     """Convert a packet to `Events` and check its values, except for the order of its times."""
-    latest = found["t"].max(initial=0)
+    latest = packet["t"].max(initial=0)
     if latest >= _MAX_TIME_US:
         raise EventFormatError(
             f"{where}: found time {latest} us, expected less than {_MAX_TIME_US} us"
         )
-    t_us = found["t"].astype(np.int64)
-    x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
-    return batching.with_checked_places(t_us, x, y, found["on"] > 0, where, none)
+    t_us = packet["t"].astype(np.int64)
+    x, y = (np.ascontiguousarray(packet[name]) for name in ("x", "y"))
+    return batching.with_checked_places(t_us, x, y, packet["on"] > 0, where, none)

@@ -27,12 +27,12 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
     if kind == "aedat4":
         decoder = faery.aedat.Decoder(path)
         tracks = decoder.tracks()
-        kept = [track for track in tracks if track.data_type == "events"]
-        if not kept:
-            raise ValueError("found no track of events")
-        others = [f"{track.data_type} (track {track.id})" for track in tracks if track != kept[0]]
-        packets = (packet for track, packet in decoder if track.id == kept[0].id)
-        return {"size": kept[0].dimensions, "others": others}, packets
+        chosen = next((track for track in tracks if track.data_type == "events"), None)
+        if chosen is None:
+            raise ValueError("the file has no track of events")
+        others = [f"{track.data_type} (track {track.id})" for track in tracks if track != chosen]
+        packets = (packet for track, packet in decoder if track.id == chosen.id)
+        return {"size": chosen.dimensions, "others": others}, packets
     if kind == "dat":
         decoder = faery.dat.Decoder(path, _UNKNOWN, None)
         events = ("cd", "2d")

@@ -37,11 +37,12 @@ def load_h5py() -> Any:
 def check_stored(*datasets: Any) -> None:
     """Refuse datasets that are not stored: HDF5 reads what was never written as zeros."""
     declared = 0
-    for one in datasets:
-        chunks = one.chunks or one.shape  # a chunk is decompressed as a whole
-        counts = (-(-side // chunk) for side, chunk in zip(one.shape, chunks, strict=True) if chunk)
-        declared += math.prod(counts) * math.prod(chunks) * one.dtype.itemsize
-    check_growth(declared, sum(one.id.get_storage_size() for one in datasets))
+    for data in datasets:
+        chunks = data.chunks or data.shape  # a chunk is decompressed as a whole
+        sides = zip(data.shape, chunks, strict=True)
+        counts = (-(-side // chunk) for side, chunk in sides if chunk)
+        declared += math.prod(counts) * math.prod(chunks) * data.dtype.itemsize
+    check_growth(declared, sum(data.id.get_storage_size() for data in datasets))
 
 
 def text_of(name: str | bytes) -> str:

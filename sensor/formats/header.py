@@ -30,14 +30,14 @@ class Header:
     width, height
         Size of the sensor in pixels; None if the file does not store it.
     model
-        The sensor that fired the events; None for recordings and if it is not stored.
+        The simulated sensor; None for recordings and if the file does not store it.
     origin
-        Other facts about the origin of the events, such as seed, speed and sequence. Names are
+        Further facts about the events, such as seed, speed and sequence. Names are
         lower-case words joined by underscores; values are strings, integers or finite floats.
     t_offset_us
         Start of the clock of the file, microseconds on the clock of the events.
     others
-        Names of other data, attributes and header lines in the file, which are not read.
+        Names of data, attributes and header lines in the file that are not read.
     triggers
         External triggers to write. `read_header` leaves them out, since in EVT they lie between the
         events: `read_triggers` reads them.
@@ -45,7 +45,8 @@ class Header:
     Raises
     ------
     EventFormatError
-        The size, that of the model, or an entry of `origin` is invalid; the text names it.
+        The size or an entry of `origin` is invalid, or the model has another size; the message
+        names the field.
 
     Examples
     --------
@@ -67,32 +68,26 @@ class Header:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            side = getattr(self, name)
-            whole = side is None or isinstance(side, int | np.integer)
-            if not whole or (side is not None and not 1 <= side <= MAX_SIDE_PX):
+            side, of_model = getattr(self, name), getattr(self.model, name, None)
+            if side is None:
+                continue
+            if not isinstance(side, int | np.integer) or not 1 <= side <= MAX_SIDE_PX:
                 raise EventFormatError(
-                    f"{name}: found {side!r}, expected a sensor's side in 1..{MAX_SIDE_PX} px"
+                    f"{name}: found {side!r}, expected an integer in 1..{MAX_SIDE_PX} px"
                 )
-        if not isinstance(self.t_offset_us, int | np.integer):
-            raise EventFormatError(
-                f"t_offset_us: found {self.t_offset_us!r}, expected whole microseconds"
-            )
-        if not -(2**63) <= self.t_offset_us < 2**63:
-            raise EventFormatError(
-                f"t_offset_us: found {self.t_offset_us}, expected microseconds that int64 holds"
-            )
-        model = self.model
-        for name in ("width", "height"):
-            side = getattr(self, name)
-            if model is not None and side is not None and side != getattr(model, name):
+            if of_model not in (None, side):
                 raise EventFormatError(
-                    f"sensor_model: found a {name} of {getattr(model, name)} px, expected {side} px"
+                    f"sensor_model: its {name} is {of_model} px, but that of the file is {side} px"
                 )
+        offset_us = self.t_offset_us
+        if not isinstance(offset_us, int | np.integer) or not -(2**63) <= offset_us < 2**63:
+            raise EventFormatError(
+                f"t_offset_us: found {offset_us!r}, expected whole microseconds within int64"
+            )
         for name, value in self.origin.items():
-            right = isinstance(value, Value) and not isinstance(value, bool)
-            if isinstance(value, float) and not math.isfinite(value):
-                right = False
-            if not (isinstance(name, str) and _KEY.fullmatch(name) and right):
+            is_value = isinstance(value, str | int) and not isinstance(value, bool)
+            is_value |= isinstance(value, float) and math.isfinite(value)
+            if not (isinstance(name, str) and _KEY.fullmatch(name) and is_value):
                 raise EventFormatError(
                     f"origin: found {name!r}: {value!r}, expected a lower-case name and a string, "
                     "an integer or a finite number"
@@ -120,8 +115,7 @@ class Header:
         Raises
         ------
         EventFormatError
-            There is no size, or the user's size is not two numbers or differs from that of the
-            file.
+            There is no size, it is not two numbers, or it differs from the size in the file.
         """
         if size is None:
             _ = self.size
@@ -132,18 +126,16 @@ class Header:
             return dataclasses.replace(self, width=size[0], height=size[1])
         if tuple(size) != self.size:
             raise EventFormatError(
-                f"found a size of {self.width}x{self.height}, expected {size[0]}x{size[1]} as given"
+                f"size: the file has {self.width}x{self.height} px, not the given "
+                f"{size[0]}x{size[1]} px"
             )
         return self
 
 
 def model_to_json(model: SensorModel) -> str:
     """Convert a model to one line of JSON; infinity becomes the string "inf"."""
-    table = {
-        name: "inf" if value == math.inf else value
-        for name, value in dataclasses.asdict(model).items()
-    }
-    return json.dumps(table)
+    table = dataclasses.asdict(model)
+    return json.dumps({name: "inf" if v == math.inf else v for name, v in table.items()})
 
 
 def model_from_json(text: str) -> SensorModel:
@@ -167,19 +159,23 @@ def model_from_json(text: str) -> SensorModel:
         return SensorModel(**table)
 
 
-def origin_to_json(origin: Mapping[str, Value]) -> str:
-    """Convert an origin to one line of JSON."""
-    text = json.dumps(dict(origin))
-    if len(text) > _MAX_CHARACTERS:
+def facts_to_json(header: Header) -> dict[str, str]:
+    """Return `origin` and, if there is a model, `sensor_model`, each one line of JSON."""
+    texts = {"origin": json.dumps(dict(header.origin))}
+    if len(texts["origin"]) > _MAX_CHARACTERS:
         raise EventFormatError(
-            f"origin: found {len(text)} characters of JSON, expected at most {_MAX_CHARACTERS}"
+            f"origin: found {len(texts['origin'])} characters of JSON, expected at most "
+            f"{_MAX_CHARACTERS}"
         )
-    return text
+    if header.model is not None:
+        texts["sensor_model"] = model_to_json(header.model)
+    return texts
 
 
-def origin_from_json(text: str) -> dict[str, Value]:
-    """Convert the line of `origin_to_json` to an origin, without a check of its entries."""
-    return _table(text, "origin")
+def facts_from_json(texts: Mapping[str, str]) -> tuple[SensorModel | None, dict[str, Value]]:
+    """Return the model and the origin from the texts of `facts_to_json`; each may be missing."""
+    model = model_from_json(texts["sensor_model"]) if "sensor_model" in texts else None
+    return model, _table(texts["origin"], "origin") if "origin" in texts else {}
 
 
 def _table(text: str, name: str) -> dict[str, typing.Any]:

@@ -20,22 +20,12 @@ import numpy as np
 from sensor.errors import EventFormatError, reading
 from sensor.events import Events, no_events
 from sensor.formats import batching
-from sensor.formats.header import (
-    Header,
-    model_from_json,
-    model_to_json,
-    origin_from_json,
-    origin_to_json,
-)
+from sensor.formats.header import Header, facts_from_json, facts_to_json
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 from sensor.growth import check_growth
 
-_COLUMNS: dict[str, np.dtype[Any]] = {
-    "t_us": np.dtype("<i8"),
-    "x": np.dtype("<u2"),
-    "y": np.dtype("<u2"),
-    "p": np.dtype("i1"),
-}
+_KINDS = {"t_us": "<i8", "x": "<u2", "y": "<u2", "p": "i1"}
+_COLUMNS: dict[str, np.dtype[Any]] = {name: np.dtype(kind) for name, kind in _KINDS.items()}
 _TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_p")
 _ENTRIES = {*_COLUMNS, *_TRIGGERS, "width", "height", "sensor_model", "origin", "t_offset_us"}
 _MAX_TEXT_BYTES = 1 << 20
@@ -61,24 +51,18 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
                 file.write(column.data)
             count += len(part)
         archive = stack.enter_context(zipfile.ZipFile(path, "w", zipfile.ZIP_STORED))
-        texts = {"origin": origin_to_json(header.origin)}
-        if header.model is not None:
-            texts["sensor_model"] = model_to_json(header.model)
-        scalars = {"width": header.width, "height": header.height, **texts}
+        small = {"width": header.width, "height": header.height, **facts_to_json(header)}
         if header.t_offset_us:
-            scalars["t_offset_us"] = header.t_offset_us
-        triggers = {
-            name: getattr(header.triggers, name.removeprefix("trigger_")) for name in _TRIGGERS
-        }
-        for name, value in (scalars | (triggers if len(header.triggers) else {})).items():
+            small["t_offset_us"] = header.t_offset_us
+        if len(header.triggers):
+            for name in _TRIGGERS:
+                small[name] = getattr(header.triggers, name.removeprefix("trigger_"))
+        for name, value in small.items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy", _DATE), "w") as entry:
                 np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
         for name, file in spilled.items():
-            described = {
-                "descr": np.lib.format.dtype_to_descr(_COLUMNS[name]),
-                "fortran_order": False,
-                "shape": (count,),
-            }
+            kind = np.lib.format.dtype_to_descr(_COLUMNS[name])
+            described = {"descr": kind, "fortran_order": False, "shape": (count,)}
             info = zipfile.ZipInfo(f"{name}.npy", _DATE)
             with archive.open(info, "w", force_zip64=True) as entry:
                 np.lib.format.write_array_header_1_0(entry, described)
@@ -107,16 +91,12 @@ def _opened(
             version = np.lib.format.read_magic(entry)
             if version != (1, 0):
                 raise EventFormatError(f"found npy version {version}, expected (1, 0)")
-            shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
-            if fortran and len(shape) > 1:
-                raise EventFormatError(f"found shape {shape} in Fortran order, expected C order")
+            shape, _, dtype = np.lib.format.read_array_header_1_0(entry)  # of at most one dimension
         yield entry, shape, dtype
 
 
-def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
-    """Read a number or text without dimensions; None if no entry has the name."""
-    if f"{name}.npy" not in archive.namelist():
-        return None
+def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> Any:
+    """Read a number or a text without dimensions."""
     with _opened(archive, name) as (entry, shape, dtype), reading(f"entry {name}"):
         if shape != () or dtype.kind not in kind or dtype.itemsize > _MAX_TEXT_BYTES:
             raise EventFormatError(f"found {dtype} of shape {shape}, expected one value")
@@ -129,40 +109,32 @@ def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
 def read_header(path: Path) -> Header:
     """Read the size, model, origin and start of the clock of an npz file."""
     with zipfile.ZipFile(path) as archive:
-        width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
-        model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
-        t_offset_us = _read_scalar(archive, "t_offset_us", "iu")
         names = [name.removesuffix(".npy") for name in archive.namelist()]
-    return Header(
-        width if isinstance(width, int) else None,
-        height if isinstance(height, int) else None,
-        model_from_json(model) if isinstance(model, str) else None,
-        origin_from_json(origin) if isinstance(origin, str) else {},
-        t_offset_us if isinstance(t_offset_us, int) else 0,
-        others=tuple(name for name in names if name not in _ENTRIES),
-    )
+        kinds = dict.fromkeys(("width", "height", "t_offset_us"), "iu")
+        kinds |= dict.fromkeys(("sensor_model", "origin"), "U")
+        small = {name: _read_scalar(archive, name, k) for name, k in kinds.items() if name in names}
+    others = tuple(name for name in names if name not in _ENTRIES)
+    size = small.get("width"), small.get("height")
+    return Header(*size, *facts_from_json(small), small.get("t_offset_us", 0), others)
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
     """Read the events of an npz file."""
     width, height = header.size
     with zipfile.ZipFile(path) as archive, ExitStack() as stack:
-        entries = {}
-        length = None
+        entries, length = {}, -1
         for name, expected in _COLUMNS.items():
             entries[name], shape, dtype = stack.enter_context(_opened(archive, name))
-            wrong_length = length is not None and shape != (length,)
-            if dtype != expected or len(shape) != 1 or wrong_length:
+            if dtype != expected or len(shape) != 1 or length not in (-1, shape[0]):
                 raise EventFormatError(
                     f"entry {name}: found {dtype} of shape {shape}, expected {expected} of shape "
-                    f"({'N' if length is None else length},)"
+                    f"({'N' if length < 0 else length},)"
                 )
             length = shape[0]
         yield no_events(width, height, header.model)
-        done = 0
         last_us = np.iinfo(np.int64).min
-        while done < (length or 0):
-            count = min(batching.PART_EVENTS, (length or 0) - done)
+        for done in range(0, length, batching.PART_EVENTS):
+            count = min(batching.PART_EVENTS, length - done)
             columns = {}
             for name, entry in entries.items():
                 with reading(f"entry {name}, from event {done}"):
@@ -179,7 +151,6 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     f"event {done}: found time {part.t_us[0]} us after {last_us} us"
                 )
             last_us = int(part.t_us[-1])
-            done += count
             yield part
         for name, entry in entries.items():
             with reading(f"entry {name}"):  # reading to the end checks the checksum

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sensor.errors import EventFormatError, reading
 from sensor.events import Events, concatenate
@@ -33,27 +34,30 @@ class Format:
     suffixes
         File extensions, with the dot.
     write
-        `write(path, header, parts)` writes a stream and returns the number of events; None if the
+        `write(path, header, parts)` writes a stream and returns the number of events. None if the
         format can only be read.
     read_header
-        `read_header(path)` returns the `Header` of a file; with `topic`, if that is an option.
+        `read_header(path)` returns the `Header` of a file. If `topic` is an option, it may be given
+        too.
     read
-        `read(path, header, **options)` yields the events, at least one part; the header has a size.
+        `read(path, header, **options)` yields the events in one or more parts. The header has a
+        size.
     keeps_origin
         Whether the format stores the sensor model, the origin and, where times need it, the start
         of the clock.
     read_triggers
         `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
     options
-        Names of the options that `read` takes: time_unit, sort, topic.
+        Names of the options that `read` takes, of time_unit, sort and topic.
     end_us
-        `end_us(start_us, t_offset_us)` returns the time before which events must end whose first is
-        at start_us, on a clock that starts at t_offset_us; None if that is beyond 2^62 us.
+        `end_us(start_us, t_offset_us)` returns the exclusive upper bound on event times for a file
+        whose first event is at start_us, on a clock that starts at t_offset_us. None if the bound
+        is beyond 2^62 us.
 
     Examples
     --------
     >>> from sensor.formats import FORMATS
-    >>> [name for name, one in FORMATS.items() if one.write]  # the others can only be read
+    >>> [name for name, format in FORMATS.items() if format.write]  # the others are read only
     ['dsec', 'evt3', 'evt2', 'npz', 'text']
     >>> FORMATS["text"].suffixes, FORMATS["text"].keeps_origin
     (('.txt',), False)
@@ -81,102 +85,53 @@ class Format:
         return [name for name, lost in parts.items() if lost]
 
 
+def _format(module: Any, name: str, title: str, *suffixes: str, **rest: Any) -> Format:
+    """Return a format whose functions are those of a module."""
+    roles = "write", "read_header", "read", "read_triggers", "end_us"
+    functions: dict[str, Any] = {role: getattr(module, role, None) for role in roles}
+    return Format(name, title, suffixes, **(functions | rest))
+
+
 def _raw_format(codec: evt.Codec) -> Format:
-    return Format(
-        codec.name.lower(),
-        f"Prophesee {codec.name}",
-        (".raw",),
-        partial(evt.write, codec=codec),
-        partial(evt.read_header, codec=codec),
-        partial(evt.read, codec=codec),
-        read_triggers=partial(evt.read_triggers, codec=codec),
-        end_us=evt.end_us,
-    )
+    functions = {
+        role: partial(getattr(evt, role), codec=codec)
+        for role in ("write", "read_header", "read", "read_triggers")
+    }
+    name = codec.name
+    return _format(evt, name.lower(), f"Prophesee {name}", ".raw", **functions)
 
 
 def _faery_format(name: str, title: str, *suffixes: str) -> Format:
-    return Format(
-        name,
-        title,
-        suffixes,
-        None,
-        partial(faery_files.read_header, kind=name),
-        partial(faery_files.read, kind=name),
-        options=("sort",),
-    )
+    functions = {
+        role: partial(getattr(faery_files, role), kind=name) for role in ("read_header", "read")
+    }
+    return _format(faery_files, name, title, *suffixes, **functions, options=("sort",))
 
 
+_TIMED = "time_unit", "sort"
 _FORMATS = {
     f.name: f
     for f in (
-        Format(
-            "dsec",
-            dsec.TITLE,
-            (".h5", ".hdf5"),
-            dsec.write,
-            dsec.read_header,
-            dsec.read,
-            read_triggers=dsec.read_triggers,
-            end_us=dsec.end_us,
-        ),
+        _format(dsec, "dsec", dsec.TITLE, ".h5", ".hdf5"),
         _raw_format(evt3.CODEC),
         _raw_format(evt2.CODEC),
-        Format(
-            "npz",
-            "numpy arrays",
-            (".npz",),
-            npz.write,
-            npz.read_header,
-            npz.read,
-            read_triggers=npz.read_triggers,
-        ),
-        Format(
-            "text",
-            "text, t x y p",
-            (".txt",),
-            text.write,
-            text.read_header,
-            text.read,
-            keeps_origin=False,
-            options=("time_unit", "sort"),
-        ),
-        Format(
-            "csv",
-            "text, t,x,y,p",
-            (".csv",),
-            None,
-            text.read_header,
-            text.read,
-            options=("time_unit", "sort"),
-        ),
+        _format(npz, "npz", "numpy arrays", ".npz"),
+        _format(text, "text", "text, t x y p", ".txt", keeps_origin=False, options=_TIMED),
+        _format(text, "csv", "text, t,x,y,p", ".csv", write=None, options=_TIMED),
         _faery_format("aedat4", "AEDAT 4", ".aedat4", ".aedat"),
-        Format(
-            "aedat3",
-            "AEDAT 3.1",
-            (),
-            None,
-            aedat3.read_header,
-            aedat3.read,
-            options=("sort",),
-        ),
+        _format(aedat3, "aedat3", "AEDAT 3.1", options=("sort",)),
         _faery_format("dat", "Prophesee DAT", ".dat"),
         _faery_format("es", "Event Stream", ".es"),
-        Format(
-            "bag",
-            "ROS bag",
-            (".bag",),
-            None,
-            ros_bag.read_header,
-            ros_bag.read,
-            options=("sort", "topic"),
-        ),
+        _format(ros_bag, "bag", "ROS bag", ".bag", options=("sort", "topic")),
     )
 }
 
 
-FORMATS = WithInstalled(
-    *(_FORMATS, lambda: {name: _own_format(at) for name, at in installed("eres.formats").items()})
-)
+def _installed_formats() -> dict[str, Format]:
+    return {name: _own_format(place) for name, place in installed("eres.formats").items()}
+
+
+FORMATS = WithInstalled(_FORMATS, _installed_formats)
 
 
 def find_format(path: str | Path, name: str | None = None, *, new: bool = False) -> Format:
@@ -187,10 +142,10 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     path
         The file. The header of an existing `.raw` file determines its version.
     name
-        A name in `FORMATS`, or "package.module:Format", which is a `Format` of your own or a
-        function that returns one; None uses the extension of the file.
+        A name in `FORMATS`, or "package.module:Format" for your own `Format` or a function that
+        returns it. None uses the extension of the file.
     new
-        The file will be written, so `.raw` is EVT3.
+        The file will be written: `.raw` is then EVT3.
 
     Returns
     -------
@@ -199,7 +154,7 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     Raises
     ------
     EventFormatError
-        The name or the extension is unknown, or the format can only be read and `new` is set.
+        The name or the extension is unknown, or `new` is set and the format can only be read.
 
     Examples
     --------
@@ -210,13 +165,13 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     ('Prophesee EVT3', 'Prophesee EVT2')
     """
     path = Path(path)
-    found = _named(name) if name is not None else _by_suffix(path, new)
-    if new and found.write is None:
+    chosen = _named(name) if name is not None else _by_suffix(path, new)
+    if new and chosen.write is None:
         raise EventFormatError(
-            f"{path}: {found.title} can only be read; expected one of "
+            f"{path}: {chosen.title} can only be read; formats to write are "
             f"{', '.join(f.name for f in FORMATS.values() if f.write)}"
         )
-    return found
+    return chosen
 
 
 def _named(name: str) -> Format:
@@ -233,16 +188,16 @@ def _named(name: str) -> Format:
 def _own_format(name: str) -> Format:
     module, _, attribute = name.partition(":")
     try:
-        found = getattr(import_own(module), attribute)
-        made = found if isinstance(found, Format) else found()
+        own = getattr(import_own(module), attribute)
+        own = own if isinstance(own, Format) else own()
+        if not isinstance(own, Format):
+            raise TypeError(
+                f"found {type(own).__name__}, expected a sensor.formats.Format, or a function that "
+                "returns a Format"
+            )
+        return own
     except Exception as error:  # a user's module may raise anything
         raise EventFormatError(f"format {name!r}: {type(error).__name__}: {error}") from error
-    if not isinstance(made, Format):
-        raise EventFormatError(
-            f"format {name!r}: found {type(made).__name__}, expected a sensor.formats.Format, or a "
-            "function that returns one"
-        )
-    return made
 
 
 def _by_suffix(path: Path, new: bool) -> Format:
@@ -253,14 +208,14 @@ def _by_suffix(path: Path, new: bool) -> Format:
         with path.open("rb") as file:
             if file.read(len(aedat3.MAGIC)) == aedat3.MAGIC:
                 return FORMATS["aedat3"]
-    for found in FORMATS.values():
-        if suffix in found.suffixes:
-            return found
-    able = [one for one in FORMATS.values() if one.write or not new]
-    known = ", ".join(sorted({suffix for one in able for suffix in one.suffixes}))
+    for known in FORMATS.values():
+        if suffix in known.suffixes:
+            return known
+    able = [known for known in FORMATS.values() if known.write or not new]
+    suffixes = ", ".join(sorted({suffix for known in able for suffix in known.suffixes}))
     raise EventFormatError(
-        f"{path}: found extension {path.suffix!r}, expected one of {known}, or a format by name "
-        f"({', '.join(one.name for one in able)})"
+        f"{path}: found extension {path.suffix!r}, expected one of {suffixes}, or a format by name "
+        f"({', '.join(known.name for known in able)})"
     )
 
 
@@ -284,21 +239,21 @@ def write_events(
     path
         The file; its extension determines the format: .h5 or .hdf5, .raw (EVT3), .npz, .txt.
     parts
-        Consecutive parts of one stream, as from `sensor.stream`, or one `Events`. A few are in
-        memory at a time. The file stores their size and model if the format can.
+        Consecutive parts of one stream, as from `sensor.stream`, or one `Events`. Only a few parts
+        are in memory at a time. The file stores their size and model if the format can.
     format
         A name in `FORMATS`; None uses the extension.
     origin
-        Other facts about the origin of the events, such as the seed; see `Header`.
+        Further facts about the events, such as the seed; see `Header`.
     t_offset_us
-        Start of the clock of the events. DSEC files store it, and EVT files if the times are too
-        large for their words. The times of `parts` are absolute in any case.
+        Start of the clock of the events. DSEC files store it, and so do EVT files if the times are
+        too large for their words. The times of `parts` are always absolute.
     triggers
         External triggers, on the clock of the events.
     add
-        Function that is called with the file before it gets its name, to add data.
+        Called with the finished file before it gets its name, to add data.
     overwrite
-        Whether to replace a file that exists when the new one is complete.
+        Whether to replace an existing file once the new file is complete.
 
     Returns
     -------
@@ -310,7 +265,7 @@ def write_events(
     EventFormatError
         The format cannot store these events, or the parts are not one stream.
     OSError
-        The file cannot be written, or exists and is not to be replaced; the error names it.
+        The file cannot be written, or it exists and `overwrite` is False; the error names it.
 
     Examples
     --------
@@ -328,25 +283,19 @@ def write_events(
     """
     path = Path(path)
     chosen = find_format(path, format, new=True)
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
-    if path.exists() and not path.is_file():
-        raise FileExistsError(errno.EEXIST, "is a device or a pipe", str(path))
-    if path.exists() and not overwrite:
-        raise FileExistsError(errno.EEXIST, "exists already", str(path))
+    for number, refused, reason, file in (
+        (errno.ENOENT, not path.parent.is_dir(), "no such folder", path.parent),
+        (errno.EISDIR, path.is_dir(), "is a folder", path),
+        (errno.EEXIST, path.exists() and not path.is_file(), "is a device or a pipe", path),
+        (errno.EEXIST, path.exists() and not overwrite, "exists already", path),
+    ):
+        if refused:
+            raise OSError(number, reason, str(file))  # of the class that belongs to the number
     of_input: list[Exception] = []
     batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
     first = next(batches)
-    header = Header(
-        first.width,
-        first.height,
-        first.model,
-        dict(origin or {}),
-        t_offset_us,
-        triggers=triggers,
-    )
+    facts = first.width, first.height, first.model, dict(origin or {}), t_offset_us
+    header = Header(*facts, triggers=triggers)
     assert chosen.write is not None  # as `find_format` has checked
     try:
         with new_file(path, overwrite=overwrite) as unfinished:
@@ -366,7 +315,7 @@ def write_events(
 
 
 def _noting(parts: Iterable[Events], errors: list[Exception]) -> Iterator[Events]:
-    """Yield the parts; keep the error that ends them, which is not about the new file."""
+    """Yield the parts; note an error that ends them, which is not about the new file."""
     try:
         yield from parts
     except (EventFormatError, OSError) as error:
@@ -390,7 +339,7 @@ def read_header(path: str | Path, *, format: str | None = None, topic: str | Non
     format
         A name in `FORMATS`; None uses the extension, or the header of a .raw file.
     topic
-        Topic of a ROS bag, whose size and other topics the header then has.
+        Topic of a ROS bag: the header then has its size, and lists the other topics.
 
     Returns
     -------
@@ -399,7 +348,7 @@ def read_header(path: str | Path, *, format: str | None = None, topic: str | Non
     Raises
     ------
     EventFormatError
-        The file is damaged or is not in this format; the text says where.
+        The file is damaged or has another format; the message says where.
     OSError
         The file cannot be read.
 
@@ -425,9 +374,9 @@ def read_header(path: str | Path, *, format: str | None = None, topic: str | Non
 
 
 def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
-    """Read the external triggers of a file; none if its format has none.
+    """Read the external triggers of a file; formats without triggers give none.
 
-    For EVT this reads the whole file. All triggers are in memory at once.
+    All triggers are in memory at once. An EVT file is read as a whole.
 
     Parameters
     ----------
@@ -490,13 +439,13 @@ def read_events(
     size
         (width, height) of the sensor, for files that do not store it.
     time_unit
-        Unit of the times of a text file: s, ms, us or ns. By default it is the one in the file's
+        Unit of the times of a text file: s, ms, us or ns. The default is the unit in the file's
         line of names, or else s.
     sort
-        Sort the events by time, for text, CSV, AEDAT, DAT, ES and bags; all events are then in
+        Sort the events by time, for text, CSV, AEDAT, DAT, ES and bags. All events are then in
         memory.
     topic
-        Topic of a ROS bag, if several have events.
+        Topic of a ROS bag, if several topics have events.
 
     Returns
     -------
@@ -506,8 +455,8 @@ def read_events(
     Raises
     ------
     EventFormatError
-        The file is damaged or is not in this format, or its size is neither stored nor given.
-        Damage after the header is never skipped; the error comes when the iteration reaches it.
+        The file is damaged or has another format, or its size is neither stored nor given. Damage
+        after the header is never skipped: the iteration raises when it reaches the damage.
     OSError
         The file cannot be read.
 

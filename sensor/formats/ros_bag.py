@@ -40,14 +40,13 @@ def _opened(path: Path) -> Any:
 
 def _topics(reader: Any) -> list[Any]:
     """Return the connections with events, by topic."""
-    kept = [one for one in reader.connections if one.msgtype in TYPES]
-    if not kept:
-        packets = any(one.msgtype == _PACKETS for one in reader.connections)
-        types = ", ".join(sorted({_named(one.msgtype) for one in reader.connections})) or "none"
-        hint = "; event_camera_tools (ROS) converts its packets" if packets else ""
-        expected = " or ".join(map(_named, TYPES))
-        raise EventFormatError(f"found messages {types}, expected {expected}{hint}")
-    return sorted(kept, key=lambda one: one.topic)
+    with_events = [c for c in reader.connections if c.msgtype in TYPES]
+    if not with_events:
+        types = {connection.msgtype for connection in reader.connections}
+        hint = "; event_camera_tools (ROS) converts its packets" if _PACKETS in types else ""
+        present, expected = ", ".join(sorted(map(_named, types))), " or ".join(map(_named, TYPES))
+        raise EventFormatError(f"found messages {present or 'none'}, expected {expected}{hint}")
+    return sorted(with_events, key=lambda connection: connection.topic)
 
 
 def _named(msgtype: str) -> str:
@@ -56,34 +55,28 @@ def _named(msgtype: str) -> str:
 
 def _chosen(reader: Any, topic: str | None) -> list[Any]:
     """Return the connections of one topic."""
-    found = _topics(reader)
-    names = sorted({one.topic for one in found})
-    if topic is None and len(names) > 1:
+    connections = _topics(reader)
+    names = sorted({connection.topic for connection in connections})
+    if topic not in names and (topic is not None or len(names) > 1):
         raise EventFormatError(
-            f"found topics {', '.join(names)} with events, expected one of them as topic= or "
-            "--topic"
+            f"topic: found {topic}, expected one of {', '.join(names)} (topic=, --topic)"
         )
-    if topic is not None and topic not in names:
-        raise EventFormatError(f"topic: found {topic}, expected one of {', '.join(names)}")
-    return [one for one in found if topic in (None, one.topic)]
+    return [connection for connection in connections if topic in (None, connection.topic)]
 
 
 def read_header(path: Path, *, topic: str | None = None) -> Header:
     """Read the size of the sensor from the first message of a topic."""
     with _opened(path) as reader:
-        kept = _topics(reader) if topic is None else _chosen(reader, topic)
-        sizes: set[tuple[int, int]] = set()
-        for connection in kept:
-            first = next(reader.messages([connection]), None)
-            if first is not None:
-                sizes.add(_parsed(first[2], 0)[1:])
-        others = sorted(
-            {f"{one.topic} ({_named(one.msgtype)})" for one in reader.connections}
-            - {f"{one.topic} ({_named(one.msgtype)})" for one in kept}
+        chosen = _topics(reader) if topic is None else _chosen(reader, topic)
+        firsts = [next(reader.messages([connection]), None) for connection in chosen]
+        sizes = {_parsed(first[2], 0)[1:] for first in firsts if first is not None}
+        every, own = (
+            {f"{connection.topic} ({_named(connection.msgtype)})" for connection in connections}
+            for connections in (reader.connections, chosen)
         )
     sizes.discard((0, 0))  # of a message that does not know it
     width, height = sizes.pop() if len(sizes) == 1 else (None, None)
-    return Header(width, height, others=tuple(others))
+    return Header(width, height, others=tuple(sorted(every - own)))
 
 
 def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
@@ -110,14 +103,14 @@ def _messages(path: Path, none: Events, topic: str | None) -> Iterator[tuple[str
     is_any = none.width == none.height == MAX_SIDE_PX
     with _opened(path) as reader:
         for number, (_, _, data) in enumerate(reader.messages(_chosen(reader, topic))):
-            found, width, height = _parsed(data, number)
+            events, width, height = _parsed(data, number)
             # A reader without a size, such as `eres info`, takes any.
             if (width, height) not in ((none.width, none.height), (0, 0)) and not is_any:
                 raise EventFormatError(
                     f"message {number}: found a sensor of {width}x{height} px, expected "
                     f"{none.width}x{none.height} px"
                 )
-            t_us = found["s"].astype(np.int64) * 1_000_000 + found["ns"] // 1000
-            x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
-            on, where = found["on"] > 0, f"message {number}"
+            t_us = events["s"].astype(np.int64) * 1_000_000 + events["ns"] // 1000
+            x, y = (np.ascontiguousarray(events[name]) for name in ("x", "y"))
+            on, where = events["on"] > 0, f"message {number}"
             yield where, batching.with_checked_places(t_us, x, y, on, where, none)

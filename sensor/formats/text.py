@@ -42,16 +42,14 @@ _REASONS = {
     _BAD_X: "x is outside the sensor",
     _BAD_Y: "y is outside the sensor",
     _BAD_P: "expected p to be 0 or 1, or -1 or 1",
-    _MIXED_P: "found both 0 and -1 as p, expected one of them for darker events",
+    _MIXED_P: "darker events have both 0 and -1 as p, expected only one of the two",
     _BACKWARDS: "the time is earlier than the one before it (--sort or sort=True sorts the events)",
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
-_NAMES = {
-    **dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps"), "t"),
-    **{"x": "x", "y": "y"},
-    **dict.fromkeys(("p", "pol", "polarity", "polarities", "on"), "p"),
-}
+_NAMES = {"x": "x", "y": "y"}
+_NAMES |= dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps"), "t")
+_NAMES |= dict.fromkeys(("p", "pol", "polarity", "polarities", "on"), "p")
 _COLUMNS = "txyp"
 
 _TAB, _NEWLINE, _RETURN, _SPACE, _MINUS, _POINT, _ZERO, _NINE = (ord(c) for c in "\t\n\r -.09")
@@ -235,15 +233,15 @@ def _parse_lines(data, width, height, order, power, sort, state, events):
     `order` has the column of each number of a line, 0 to 3 for t, x, y, p; `power` of ten makes
     microseconds of the times. With `sort` they may run backwards.
 
-    Return (bytes taken, events made, why it stopped).
+    Return (bytes taken, events done, why it stopped).
     """
     t, x, y, p = events
     usual = power == 6 and order[0] == 0 and order[1] == 1 and order[2] == 2
     last = state[LAST_US]
     darker = state[DARKER]
-    made = 0
+    done = 0
     at = 0
-    found = _DONE
+    stop = _DONE
     while at < data.size:
         line = at
         end = -1
@@ -256,33 +254,33 @@ def _parse_lines(data, width, height, order, power, sort, state, events):
                 continue
             time, column, row, polarity, end = _any_line(data, at, order, power)
         if end < 0:
-            found = _BAD_LINE
+            stop = _BAD_LINE
         elif not 0 <= column < width:
-            found = _BAD_X
+            stop = _BAD_X
         elif not 0 <= row < height:
-            found = _BAD_Y
+            stop = _BAD_Y
         elif time < last and not sort:
-            found = _BACKWARDS
+            stop = _BACKWARDS
         elif polarity != 1 and polarity != darker:
             if darker == _UNKNOWN and (polarity == 0 or polarity == -1):
                 darker = polarity
             else:
-                found = _MIXED_P if polarity == 0 or polarity == -1 else _BAD_P
-        if made == t.size:
-            found = _FULL
-        if found != _DONE:
+                stop = _MIXED_P if polarity == 0 or polarity == -1 else _BAD_P
+        if done == t.size:
+            stop = _FULL
+        if stop != _DONE:
             at = line
             break
         last = time
-        t[made] = time
-        x[made] = column
-        y[made] = row
-        p[made] = 1 if polarity > 0 else -1
-        made += 1
+        t[done] = time
+        x[done] = column
+        y[done] = row
+        p[done] = 1 if polarity > 0 else -1
+        done += 1
         at = end + 1
     state[LAST_US] = last
     state[DARKER] = darker
-    return at, made, found
+    return at, done, stop
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
@@ -335,12 +333,10 @@ def _read_start(path: Path) -> _Start:
             if names is not None:
                 order, unit = names
             elif short and len(words) == 2 and all(word.isdigit() for word in words):
-                found = int(words[0]), int(words[1])
-                if size not in ((None, None), found):
-                    raise EventFormatError(
-                        f"byte {length}: found {line!r}, a second size, expected one"
-                    )
-                size = found
+                sides = int(words[0]), int(words[1])
+                if size not in ((None, None), sides):
+                    raise EventFormatError(f"byte {length}: found a second size, {line!r}")
+                size = sides
             elif line[:1] not in (b"#", b"%") or not whole:
                 if length > first or len(words) == 4:  # the parser reports a bad event
                     return _Start(Header(*size), order, unit, length)
@@ -378,17 +374,14 @@ def _power(path: Path, start: _Start, time_unit: str | None) -> int:
         )
     if None not in (time_unit, start.time_unit) and time_unit != start.time_unit:
         raise EventFormatError(
-            f"found times in {start.time_unit}, as the line of names says, expected {time_unit} as "
-            "given"
+            f"time_unit: the line of names says {start.time_unit}, not the given {time_unit}"
         )
     unit = time_unit or start.time_unit
-    if unit is None:
-        whole = _whole_times(path, start)
-        if whole:
-            raise EventFormatError(
-                f"byte {start.length}: found whole times, {', '.join(whole[:3])}, which may be "
-                "seconds or microseconds; give their unit (time_unit='us', --time-unit us)"
-            )
+    if unit is None and (whole := _whole_times(path, start)):
+        raise EventFormatError(
+            f"byte {start.length}: found whole times, {', '.join(whole[:3])}, which may be seconds "
+            "or microseconds; give their unit (time_unit='us', --time-unit us)"
+        )
     return TIME_UNITS[unit or "s"]
 
 
@@ -449,7 +442,8 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
                     _log.warning(
                         "%s: the last line does not end; if the file is truncated, the last event "
                         "has a wrong %s",
-                        *(path, {"t": "time"}.get(_COLUMNS[start.order[-1]], "pixel")),
+                        path,
+                        {"t": "time"}.get(_COLUMNS[start.order[-1]], "pixel"),
                     )
             whole = data.rfind(b"\n") + 1
             rest = data[whole:]
@@ -461,15 +455,15 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
             while len(lines):
                 room = min(batching.PART_EVENTS, len(lines) // _MIN_LINE_BYTES + 1)
                 columns = Columns.room(room)
-                taken, made, found = _parse_lines(
+                taken, done, stop = _parse_lines(
                     lines, none.width, none.height, order, power, sort, state, columns
                 )
                 offset += taken
-                if made:
-                    yield Events.trusted(*columns.part(slice(made)), like=none)
+                if done:
+                    yield Events.trusted(*columns.part(slice(done)), like=none)
                 lines = lines[taken:]
-                if found not in (_DONE, _FULL):
+                if stop not in (_DONE, _FULL):
                     line = lines[:60].tobytes().split(b"\n")[0]
                     expected = " ".join(_COLUMNS[k] for k in start.order)
-                    reason = _REASONS[found].format(order=expected)
+                    reason = _REASONS[stop].format(order=expected)
                     raise EventFormatError(f"byte {offset}: found {line!r}: {reason}")

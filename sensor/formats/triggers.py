@@ -29,7 +29,7 @@ class Triggers:
     Raises
     ------
     EventFormatError
-        A field has the wrong dtype, shape, values or order; the text names it.
+        A field has the wrong dtype, shape, values or order; the message names it.
 
     Examples
     --------
@@ -51,15 +51,14 @@ class Triggers:
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
             column = getattr(self, name)
-            if not isinstance(column, np.ndarray):
-                raise EventFormatError(f"triggers, {name}: found {column!r}, expected an array")
-            if column.dtype != dtype or column.shape != (len(self.t_us),):
+            kind, shape = getattr(column, "dtype", type(column).__name__), np.shape(column)
+            if kind != dtype or shape != (len(self.t_us),):
                 raise EventFormatError(
-                    f"triggers, {name}: found {column.dtype} of shape {column.shape}, expected "
+                    f"triggers, {name}: found {kind} of shape {shape}, expected an array of "
                     f"{np.dtype(dtype)} of shape ({len(self.t_us)},)"
                 )
         if np.any(self.t_us[1:] < self.t_us[:-1]):
-            raise EventFormatError("triggers, t_us: found times that run backwards")
+            raise EventFormatError("triggers, t_us: the times are not in ascending order")
         if not np.all(np.abs(self.p) == 1):
             raise EventFormatError("triggers, p: found values other than +1 and -1")
 
@@ -72,7 +71,7 @@ class Triggers:
         Parameters
         ----------
         channel
-            Number of the input; by default the only one that has edges.
+            Number of the input. It may be left out if only one input has edges.
 
         Returns
         -------
@@ -81,14 +80,13 @@ class Triggers:
         Raises
         ------
         EventError
-            Several inputs have edges and none is named, or the named one has none.
+            No channel is given and several have edges, or the given channel has none.
         """
         channels = np.unique(self.channel).tolist()
-        found = f"triggers: found edges on channel {', '.join(map(str, channels)) or 'none'}"
-        if channel is None and len(channels) > 1:
-            raise EventError(f"{found}, expected one channel to be named")
-        if channel is not None and channel not in channels:
-            raise EventError(f"{found}, expected {channel} among them")
+        if channel not in channels and (channel is not None or len(channels) > 1):
+            listed = ", ".join(map(str, channels)) or "none"
+            what = "choose one of them" if channel is None else f"none on {channel}"
+            raise EventError(f"triggers: found edges on channel {listed}; {what}")
         mine = True if channel is None else self.channel == channel
         return self.t_us[(self.p > 0) & mine]
 
@@ -103,8 +101,4 @@ class Triggers:
         return Triggers(shifted(self.t_us, shift_us, "Triggers.later"), self.channel, self.p)
 
 
-def _no_triggers() -> Triggers:
-    return Triggers(*(np.empty(0, dtype) for dtype in _DTYPES.values()))
-
-
-NO_TRIGGERS = _no_triggers()
+NO_TRIGGERS = Triggers(np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.int8))

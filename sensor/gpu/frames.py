@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from sensor.engine.frames import FrameInput, FrameReader, checked_frames, refuse_bad_radiance
+from sensor.engine.frames import (
+    FrameInput,
+    FrameReader,
+    check_all_read,
+    check_end,
+    check_shape,
+    checked_frames,
+    refuse_bad_radiance,
+)
 from sensor.errors import SensorError
 from sensor.gpu.memory import DeviceArray, Scratch, Uploader
 
@@ -22,18 +30,8 @@ class ToDevice:
         self._uploader = Uploader(threads)
 
     def __call__(self, chunk: Any, index: int) -> DeviceArray:
-        """Return frames on the GPU, checked as by `checked_frames`.
-
-        Parameters
-        ----------
-        chunk, index
-            (F, H, W) linear radiance, in host memory or on the GPU, and index of its first frame.
-
-        Returns
-        -------
-        (F, H, W) linear radiance on the GPU, until the next call.
-        """
-        if _is_there(chunk):
+        """Return (F, H, W) frames on the GPU, valid until the next call; `index` is the first."""
+        if _on_gpu(chunk):
             return _checked(chunk, index, 3)
         host = checked_frames(chunk, index)
         room = self.scratch.array("frames", host.shape, host.dtype)
@@ -50,20 +48,16 @@ class DeviceReader:
         self._host: FrameReader | None = None
         self._whole: DeviceArray | None = None
         self._rest: Iterator[Any] = iter(())
-        if _is_there(frames):
+        if _on_gpu(frames):
             self._whole = _checked(frames, 0, 3)
-            if len(self._whole) != count:
-                raise SensorError(
-                    f"frames: found shape {self._whole.shape}, expected ({count}, H, W): "
-                    "one frame for each entry of t_s"
-                )
+            check_shape(self._whole.shape, count)
             first = self._whole[0]
         elif isinstance(frames, np.ndarray) or not isinstance(frames, Iterable):
             self._host = FrameReader(frames, count)
         else:
             self._rest = iter(frames)
             start = list(itertools.islice(self._rest, 1))
-            if start and _is_there(start[0]):
+            if start and _on_gpu(start[0]):
                 first = start[0]
             else:
                 self._host = FrameReader(itertools.chain(start, self._rest), count)
@@ -75,64 +69,52 @@ class DeviceReader:
         refuse_bad_radiance(self.first[None], 0)
 
     def chunk(self, done: int, most: int) -> DeviceArray:
-        """Return the next frames.
-
-        Returns
-        -------
-        (F, H, W) linear radiance on the GPU, until the next call.
-        """
+        """Return the next frames, (F, H, W) on the GPU, valid until the next call."""
         wanted = min(most, self._count - done)
         if self._host is not None:
             return self._to_device(self._host.chunk(done, wanted), done)
         if self._whole is not None:
             return self._whole[done : done + wanted]
         room = self._to_device.scratch.array("frames", (wanted, *self.shape), self.first.dtype)
-        found = 0
-        for frame in itertools.islice(self._rest, wanted):
-            there = _checked(frame, done + found, 2)
-            if there.shape != self.shape or there.dtype != self.first.dtype:
+        read = 0
+        for given in itertools.islice(self._rest, wanted):
+            frame = _checked(given, done + read, 2)
+            if frame.shape != self.shape or frame.dtype != self.first.dtype:
                 raise SensorError(
-                    f"frame {done + found}: found {there.dtype} of shape {there.shape}, "
-                    f"expected {self.first.dtype} of {self.shape} like the first"
+                    f"frame {done + read}: found {frame.dtype} of shape {frame.shape}, expected "
+                    f"{self.first.dtype} of {self.shape} like the first frame"
                 )
-            room[found].copy_to_device(there)
-            found += 1
-        if found < wanted:
-            raise SensorError(
-                f"frames: ended after {done + found}, "
-                f"expected {self._count}, one for each entry of t_s"
-            )
+            room[read].copy_to_device(frame)
+            read += 1
+        check_all_read(done + read, done + wanted, self._count)
         return room
 
     def check_end(self) -> None:
         """Raise `SensorError` if there are more frames than times."""
         if self._host is not None:
             self._host.check_end()
-        elif next(self._rest, None) is not None:
-            raise SensorError(f"frames: found more than {self._count}, the length of t_s")
+        else:
+            check_end(self._rest, self._count)
 
 
-def _is_there(frames: object) -> bool:
+def _on_gpu(frames: object) -> bool:
     return hasattr(frames, "__cuda_array_interface__")
 
 
 def _checked(frames: object, index: int, ndim: int) -> DeviceArray:
-    """Return frames on the GPU of that many dimensions, with rows one after the other."""
-    if not _is_there(frames):
+    """Return frames on the GPU with `ndim` dimensions and contiguous rows."""
+    if not _on_gpu(frames):
         raise SensorError(
             f"frame {index}: found a {type(frames).__name__}, expected an array on the GPU like "
-            "the first"
+            "the first frame"
         )
-    there = cuda.as_cuda_array(frames)
+    array = cuda.as_cuda_array(frames)
     shape = "(T, H, W)" if ndim == 3 else "(H, W)"
-    if there.dtype not in (np.float32, np.float64) or there.ndim != ndim or there.size == 0:
+    is_float = array.dtype in (np.float32, np.float64)
+    if not is_float or array.ndim != ndim or array.size == 0 or not array.is_c_contiguous():
         raise SensorError(
-            f"frame {index}: found {there.dtype} of shape {there.shape} on the GPU, expected "
-            f"linear radiance as float32 or float64, {shape}"
+            f"frame {index}: found {array.dtype} of shape {array.shape} and strides "
+            f"{array.strides} on the GPU, expected linear radiance as contiguous float32 or "
+            f"float64, {shape}"
         )
-    if not there.is_c_contiguous():
-        raise SensorError(
-            f"frame {index}: found rows on the GPU that are not one after the other, expected a "
-            "contiguous array"
-        )
-    return there
+    return array

@@ -67,11 +67,11 @@ class DeviceGroup(SensorGroup):
         model, frames = self.models[0], len(chunk)
         if chunk.shape[1:] != (model.height, model.width):
             overlaps = pixel_overlaps(chunk.shape[1:], model.height, model.width, model.fill_factor)
-            there = [upload(array) for overlap in overlaps for array in overlap]
+            arrays_there = [upload(array) for overlap in overlaps for array in overlap]
             larger, size = chunk, (frames, model.height, model.width)
             chunk = self.scratch.array("light", size, np.float64)
             blocks = -(-model.width // 32), -(-model.height // 8), frames
-            launch(kernels.integrate_area, blocks, larger, *there, chunk, threads=(32, 8, 1))
+            launch(kernels.integrate_area, blocks, larger, *arrays_there, chunk, threads=(32, 8, 1))
         return chunk.reshape((frames, model.height * model.width))
 
 
@@ -150,9 +150,9 @@ class _Chunk:
         put_first(held, columns)
         if count:
             sizes = zip("txyp", [count] * 4, _DTYPES, strict=True)
-            there = [scratch.array(*size) for size in sizes]
-            launch(kernels.unpack, -(-count // kernels.THREADS), words, start_us, *there)
-            for array, new in zip(arrays, there, strict=True):
+            arrays_there = [scratch.array(*size) for size in sizes]
+            launch(kernels.unpack, -(-count // kernels.THREADS), words, start_us, *arrays_there)
+            for array, new in zip(arrays, arrays_there, strict=True):
                 new.copy_to_host(array)
         return columns
 

@@ -47,8 +47,8 @@ def launch(kernel: Any, blocks: Any, *arguments: object, threads: Any = THREADS)
     """Run a kernel."""
     with _WARNS, warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*Grid size .* low occupancy")  # of small sensors
-        there = kernel[blocks, threads]
-    there(*arguments)
+        configured = kernel[blocks, threads]
+    configured(*arguments)
 
 
 @cuda.jit

@@ -102,8 +102,8 @@ def _enough_memory(size: int) -> Iterator[None]:
 
 def free_bytes() -> float:
     """Return the memory of the GPU that simulations may use, bytes."""
-    kept = sum(block.nbytes for blocks in list(_FREE.values()) for block in blocks.values())
-    return float(cuda.current_context().get_memory_info()[0] + kept)
+    unused = sum(block.nbytes for blocks in list(_FREE.values()) for block in blocks.values())
+    return float(cuda.current_context().get_memory_info()[0] + unused)
 
 
 def _release() -> None:

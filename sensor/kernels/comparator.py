@@ -131,12 +131,12 @@ def count_lines(flagged, lines, comparators, work):
         up = v_high > level
         C = on[k] if up else off[k]
         step = C if up else -C
-        one = climb(level, step, C, v_high)
-        two = climb(one, step, C, v_high)
-        three = climb(two, step, C, v_high)
-        end = climb(three, step, C, v_high)
-        n = np.int64(one != level) + np.int64(two != one)
-        n += np.int64(three != two) + np.int64(end != three)
+        level_1 = climb(level, step, C, v_high)
+        level_2 = climb(level_1, step, C, v_high)
+        level_3 = climb(level_2, step, C, v_high)
+        end = climb(level_3, step, C, v_high)
+        n = np.int64(level_1 != level) + np.int64(level_2 != level_1)
+        n += np.int64(level_3 != level_2) + np.int64(end != level_3)
         level_end[k], move[k], whole[k] = end, step, v_high - u0[k]
         words[k] |= np.uint64(up) << POLARITY_SHIFT
         fired[k] = n

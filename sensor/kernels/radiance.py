@@ -37,7 +37,7 @@ def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> PixelLight:
 
     Returns
     -------
-    Light
+    PixelLight
     """
     none = np.empty((0, 0))
     if radiance.dtype == np.float32:

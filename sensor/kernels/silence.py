@@ -90,7 +90,7 @@ def flag_ideal(light, f, pixels, fade, light_band, flag):
     Parameters
     ----------
     light, f, pixels
-        `Light`, frame at the end of the interval, and slice of the pixels.
+        `PixelLight`, frame at the end of the interval, and slice of the pixels.
     fade, light_band, flag
         As in `flag_outside`.
     """
@@ -245,9 +245,9 @@ def flag_by_all(n, response, step, drift, comparators, flag):
 def flag_by_cubic(n, response, step, drift, comparators, flag):
     """Advance the poles of n pixels and flag as `flag_by_all` does, up to an a dt of CUBIC_STEP.
 
-    A pixel is silent if v2 cannot reach a level by the third bound of `may_fire`. Few pixels that
-    the other bounds exclude remain, and the slopes follow from the state: v1 - v2 of two poles,
-    u - v2 of one.
+    A pixel is silent if v2 cannot reach a level by the third bound of `may_fire`; the other bounds
+    would exclude few of the remaining pixels. The slopes follow from the state: v1 - v2 of two
+    poles, u - v2 of one pole.
 
     Parameters
     ----------

@@ -54,13 +54,13 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     tau_us
         Time constant of the decay, microseconds.
     t_us
-        Time of the surface, microseconds; that of the last event by default.
+        Time of the surface, microseconds. The default is the time of the last event.
 
     Returns
     -------
     surface
-        (2, height, width) float32 in [0, 1]: exp(-(t_us - t) / tau_us) with the time t of a pixel's
-        last OFF event and last ON event; 0 where there is none. HATS (CVPR 2018), Eq. (2).
+        (2, height, width) float32 in [0, 1]: exp(-(t_us - t) / tau_us), where t is the time of a
+        pixel's last OFF event and last ON event; 0 without an event. HATS (CVPR 2018), Eq. (2).
 
     Raises
     ------
@@ -81,20 +81,15 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     """
     if not tau_us > 0:
         raise EventError(f"time_surface: found tau_us = {tau_us}, expected a positive number")
-    latest_us = int(events.t_us[-1]) if len(events) else 0
     if t_us is None:
-        t_us = latest_us
+        t_us = int(events.t_us[-1]) if len(events) else 0
     t_us = whole_us("time_surface", "t_us", t_us)
-    if len(events) and latest_us > t_us:
-        raise EventError(
-            f"time_surface: found an event at {latest_us} us, expected none after t_us = {t_us}; "
-            "`Events.between` selects a window"
-        )
-    if len(events) and t_us - int(events.t_us[0]) >= 1 << 63:
-        raise EventError(
-            f"time_surface: found an event at {events.t_us[0]} us, expected less than 2^63 us "
-            f"before t_us = {t_us}"
-        )
+    for event_us in map(int, events.t_us[[0, -1]] if len(events) else ()):
+        if not 0 <= t_us - event_us < 1 << 63:
+            raise EventError(
+                f"time_surface: found an event at {event_us} us, expected none after t_us = {t_us} "
+                "or 2^63 us before it; `Events.between` selects a window"
+            )
     surface = np.zeros((2, events.height, events.width), np.float32)
     if len(events):  # without, any time will do, also one beyond int64
         _decay(events.columns, t_us, max(tau_us, _MIN_TAU_US), surface)

@@ -24,8 +24,8 @@ def voxel_grid(
     """Return the voxel grid of a window, in the convention of a network.
 
     In both conventions the first and last event, not the ends of the window, are at the centers of
-    the first and last bin, and each event votes for the two bins around it, by distance. They
-    differ in two details:
+    the first and last bin. Each event votes for the two bins around it, weighted by distance. The
+    conventions differ in two details:
 
     ==================  ==============================  =====================================
     convention          "e2vid"                         "eraft" (E-RAFT, DSEC)
@@ -44,13 +44,13 @@ def voxel_grid(
         "e2vid" (Rebecq et al., PAMI 2019) or "eraft" (Gehrig et al., 3DV 2021, and the loader of
         DSEC).
     positions
-        (N, 2) columns and rows of the events, px, with fractions, such as DSEC's rectified ones;
-        whole pixels otherwise. The center of the first pixel is (0, 0), so subtract 0.5 from
-        `Camera.undistorted_positions`. Each event then votes for the four pixels around it, too;
-        votes outside the sensor are dropped.
+        (N, 2) columns and rows of the events in fractions of a pixel, such as DSEC's rectified
+        positions. The center of the first pixel is (0, 0), so subtract 0.5 from
+        `Camera.undistorted_positions`. Each event then also votes for the four pixels around it;
+        votes outside the sensor are dropped. None takes the whole pixels of the events.
     normalize
-        Whether to bring the entries that are not 0 to mean 0 and standard deviation 1. If they are
-        all equal, only the mean is subtracted.
+        Whether to bring the nonzero entries to mean 0 and standard deviation 1. If they are all
+        equal, only the mean is subtracted.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def voxel_grid(
     Raises
     ------
     EventError
-        There are fewer than 2 bins, there is no such convention, or `positions` has a wrong shape.
+        There are fewer than 2 bins, the convention is unknown, or `positions` has a wrong shape.
 
     Examples
     --------
@@ -92,12 +92,11 @@ def voxel_grid(
     bins_per_us = (bins - 1) / max(duration_us, 1)
     if positions is None:
         _vote(events.columns, bins_per_us, grid)
+    elif positions.shape != (len(events), 2):
+        raise EventError(
+            f"voxel_grid: found positions of shape {positions.shape}, expected ({len(events)}, 2)"
+        )
     else:
-        if positions.shape != (len(events), 2):
-            raise EventError(
-                f"voxel_grid: found positions of shape {positions.shape}, expected "
-                f"({len(events)}, 2)"
-            )
         if positions.dtype not in (np.float32, np.float64):  # of the order of this machine's bytes
             positions = positions.astype(np.float64)
         _vote_between_pixels(events.columns, positions, bins_per_us, grid)
@@ -124,10 +123,7 @@ def _vote(events: Columns, bins_per_us: float, grid: NDArray[np.float32]) -> Non
 
 @jit
 def _vote_between_pixels(
-    events: Columns,
-    positions: NDArray[np.floating],
-    bins_per_us: float,
-    grid: NDArray[np.float32],
+    events: Columns, positions: NDArray[np.floating], bins_per_us: float, grid: NDArray[np.float32]
 ) -> None:
     bins, height, width = grid.shape
     for k in range(events.x.size):

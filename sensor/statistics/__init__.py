@@ -7,12 +7,7 @@
 - `fit_power_law`: the exponent gamma of |L_t| ~ p^-gamma, Eq. (6), with a bootstrap interval.
 """
 
-from sensor.statistics.intervals import (
-    IntervalHistogram,
-    event_rates_hz,
-    log_bin_edges_us,
-    mode_us,
-)
+from sensor.statistics.intervals import IntervalHistogram, event_rates_hz, log_bin_edges_us, mode_us
 from sensor.statistics.scaling import (
     PowerLaw,
     SlopesBySize,

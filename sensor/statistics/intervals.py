@@ -50,16 +50,12 @@ def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.in
     return edges.astype(np.int64)
 
 
-def _in_int64(t_us: int) -> int:
-    return min(max(t_us, _NEVER), -_NEVER - 1)
-
-
 class IntervalHistogram:
     """Counts the times between consecutive events of each pixel in a stream.
 
-    An interval counts if its second event is in the window; the first may be before it. So all
-    intervals up to the length of the stream before the window have full weight, and longer ones
-    have less.
+    An interval counts if its second event is in the window; the first may be earlier. So intervals
+    that are shorter than the stream before the window have full weight, and longer intervals have
+    less.
 
     Parameters
     ----------
@@ -76,7 +72,7 @@ class IntervalHistogram:
     Raises
     ------
     EventError
-        An argument is invalid; the text names it.
+        An argument is invalid; the message names it.
 
     Attributes
     ----------
@@ -109,17 +105,17 @@ class IntervalHistogram:
         self.edges_us = _checked_edges(edges_us)
         if len(window_us) != 2:
             raise EventError(f"IntervalHistogram: found window_us = {window_us}, expected a pair")
-        start_us, end_us = (whole_us("IntervalHistogram", "window_us", t_us) for t_us in window_us)
-        self._window_us = _in_int64(start_us), _in_int64(end_us)
-        for name, side in (("width", width), ("height", height)):
-            if not isinstance(side, int | np.integer) or side < 1:
+        # Limited to int64, which holds the times of all events.
+        start_us, end_us = (
+            min(max(whole_us("IntervalHistogram", "window_us", t_us), _NEVER), -_NEVER - 1)
+            for t_us in window_us
+        )
+        self._window_us = start_us, end_us
+        for name, value in (("width", width), ("height", height), ("every_row", every_row)):
+            if not isinstance(value, int | np.integer) or value < 1:
                 raise EventError(
-                    f"IntervalHistogram: found {name} = {side!r}, expected an integer from 1 on"
+                    f"IntervalHistogram: found {name} = {value!r}, expected an integer from 1 on"
                 )
-        if not isinstance(every_row, int | np.integer) or every_row < 1:
-            raise EventError(
-                f"IntervalHistogram: found every_row = {every_row!r}, expected an integer from 1 on"
-            )
         self._slot_of = np.full(height, -1)
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
         bins = len(self.edges_us) + 1  # with those below and above the edges
@@ -130,7 +126,7 @@ class IntervalHistogram:
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
         self._start_us: int | None = None
-        self._end_us: int | None = None
+        self._end_us = 0
 
     def add(self, events: Events) -> None:
         """Count the next part of the stream.
@@ -138,8 +134,8 @@ class IntervalHistogram:
         Raises
         ------
         EventError
-            The events are of a sensor of another size, start before the end of those before, or
-            are 2^63 us after the first.
+            The events are from a sensor of another size, start before the end of the previous part,
+            or end 2^63 us after the first event.
         """
         width, height = self._last_us.shape[1], len(self._slot_of)
         if (events.width, events.height) != (width, height):
@@ -149,26 +145,19 @@ class IntervalHistogram:
             )
         if not len(events):
             return
-        if self._end_us is not None and events.t_us[0] < self._end_us:
-            raise EventError(
-                f"IntervalHistogram.add: found an event at {events.t_us[0]} us after one at "
-                f"{self._end_us} us, expected parts in order"
-            )
+        first_us, last_us = events.t_us[[0, -1]].tolist()
         if self._start_us is None:
-            self._start_us = int(events.t_us[0])
-        self._end_us = int(events.t_us[-1])
-        if self._end_us - self._start_us >= 1 << 63:
+            self._start_us = self._end_us = first_us
+        if first_us < self._end_us or last_us - self._start_us >= 1 << 63:
             raise EventError(
-                f"IntervalHistogram.add: found an event at {self._end_us} us, expected less than "
-                f"2^63 us after the first, at {self._start_us} us"
+                f"IntervalHistogram.add: found events from {first_us} to {last_us} us after events "
+                f"from {self._start_us} to {self._end_us} us, expected parts in order, all within "
+                "less than 2^63 us"
             )
+        self._end_us = last_us
+        slot_of, bin_of = self._slot_of, self._bin_of
         _count_intervals(
-            events.columns,
-            *self._window_us,
-            self._slot_of,
-            self._bin_of,
-            self._last_us,
-            self._counts,
+            events.columns, *self._window_us, slot_of, bin_of, self._last_us, self._counts
         )
 
     @property
@@ -218,10 +207,7 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     window = events.between(t_start_us, t_end_us)
     t_start_us, t_end_us = int(t_start_us), int(t_end_us)  # differences of int32 may overflow
     if t_end_us <= t_start_us:
-        raise EventError(
-            f"event_rates_hz: found a window from {t_start_us} to {t_end_us} us, expected an end "
-            "after the start"
-        )
+        raise EventError(f"event_rates_hz: the window from {t_start_us} to {t_end_us} us is empty")
     pixel = window.y.astype(np.int64) * events.width + window.x
     counts = np.bincount(pixel, minlength=events.height * events.width)
     return counts.reshape(events.height, events.width) / ((t_end_us - t_start_us) * 1e-6)
@@ -235,8 +221,8 @@ def log_bin_edges_us(
     Parameters
     ----------
     shortest_us, longest_us
-        First edge, from 1 us on, and about the last, at most 10^18 us: the whole number of bins
-        whose last edge is nearest.
+        First edge, at least 1 us, and approximate last edge, at most 10^18 us. The number of bins
+        is whole; it brings the last edge as near as possible.
     per_decade
         Number of bins per decade.
 
@@ -247,7 +233,7 @@ def log_bin_edges_us(
     Raises
     ------
     EventError
-        An edge or the number of bins is out of range, or there is no bin.
+        An edge or the number of bins is out of range.
 
     Examples
     --------
@@ -255,24 +241,20 @@ def log_bin_edges_us(
     >>> log_bin_edges_us(10, 1000, per_decade=3)
     array([  10,   22,   46,  100,  215,  464, 1000])
     """
-    if not 1 <= shortest_us < longest_us <= _MAX_EDGE_US:
+    right = 1 <= shortest_us < longest_us <= _MAX_EDGE_US
+    bins = np.log10(longest_us / shortest_us) * per_decade if right else 0.0
+    if not bins >= 0.5:
         raise EventError(
-            f"log_bin_edges_us: found {shortest_us} to {longest_us} us, expected times from 1 to "
-            f"{_MAX_EDGE_US:g} us, the longest after the shortest"
+            f"log_bin_edges_us: found {shortest_us} to {longest_us} us with per_decade = "
+            f"{per_decade}, expected increasing times from 1 to {_MAX_EDGE_US:g} us, and at least "
+            "one bin between them"
         )
-    decades = np.log10(longest_us / shortest_us)
-    if not decades * per_decade >= 0.5:
-        raise EventError(
-            f"log_bin_edges_us: found per_decade = {per_decade}, expected at least one bin from "
-            f"{shortest_us} to {longest_us} us"
-        )
-    steps = np.arange(round(decades * per_decade) + 1) / per_decade
+    steps = np.arange(round(bins) + 1) / per_decade
     return np.unique(np.round(shortest_us * 10**steps).astype(np.int64))
 
 
 def mode_us(
-    edges_us: Sequence[int] | NDArray[np.int64],
-    counts: Sequence[int] | NDArray[np.int64],
+    edges_us: Sequence[int] | NDArray[np.int64], counts: Sequence[int] | NDArray[np.int64]
 ) -> float | None:
     """Return the mode of a histogram over log time.
 

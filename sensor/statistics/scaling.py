@@ -89,11 +89,11 @@ def slopes_by_pixel_size(
     sizes_px
         Odd widths; the first determines the edges.
     edge_share
-        Share of pixels that count as edges, those with the largest |L_t| at the first size. Because
-        of this selection their slopes decrease more steeply from that size than the mean.
+        Share of pixels that count as edges: those with the largest |L_t| at the first size. Because
+        of this selection, their slopes fall more steeply from that size on than the mean does.
     blocks_a_side
-        The image is divided into this many blocks per side, for a bootstrap over blocks, since
-        neighboring pixels are correlated.
+        Blocks along each side of the image. The bootstrap draws blocks, since neighboring pixels
+        are correlated.
 
     Returns
     -------
@@ -165,8 +165,8 @@ def fit_power_law(
 ) -> PowerLaw:
     """Fit gamma of value ~ size^-gamma, Eq. (6), to the weighted mean over blocks.
 
-    Fits a line to the logarithms by least squares; the interval is a percentile bootstrap over
-    blocks, among draws with positive means.
+    Fits a line to the logarithms by least squares. The interval is a percentile bootstrap over
+    blocks; draws without positive means are left out.
 
     Parameters
     ----------
@@ -184,8 +184,9 @@ def fit_power_law(
     Raises
     ------
     SensorError
-        There are fewer than two sizes or blocks, sizes are not positive or all equal, numbers of
-        weights and blocks differ, or values are not finite, or their mean at a size not positive.
+        There are fewer than two sizes or blocks, the sizes are not positive or are all equal, the
+        numbers of weights and blocks differ, a value is not finite, or the mean at a size is not
+        positive.
 
     Examples
     --------
@@ -196,18 +197,16 @@ def fit_power_law(
     >>> round(law.exponent, 3), round(law.factor, 3)
     (0.5, 10.0)
     """
-    if len(sizes) < 2 or len(blocks) < 2:
-        raise SensorError(
-            f"found {len(sizes)} sizes and {len(blocks)} blocks, expected at least 2 of each"
-        )
+    sizes = np.asarray(sizes)
     weights = np.ones(len(blocks)) if weights is None else np.asarray(weights)
-    if not np.all(np.asarray(sizes) > 0) or np.ptp(sizes) == 0:
-        raise SensorError(f"sizes: found {sizes}, expected positive numbers that differ")
-    if weights.shape != (len(blocks),):
-        raise SensorError(f"weights: found shape {weights.shape}, expected ({len(blocks)},)")
-    if not np.all(np.isfinite(blocks)):
-        raise SensorError("blocks: found values that are not finite")
-    log_size = np.log(np.asarray(sizes, dtype=np.float64))
+    if len(sizes) < 2 or not np.all(sizes > 0) or np.ptp(sizes) == 0:
+        raise SensorError(f"sizes: found {sizes}, expected at least 2 positive numbers that differ")
+    if len(blocks) < 2 or weights.shape != (len(blocks),) or not np.all(np.isfinite(blocks)):
+        raise SensorError(
+            f"blocks: found {len(blocks)} with weights of shape {weights.shape}, expected at least "
+            "2 of finite values, and a weight for each"
+        )
+    log_size = np.log(sizes.astype(np.float64))
     centered = log_size - log_size.mean()
     line = centered / np.sum(centered**2)
 

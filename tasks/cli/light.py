@@ -52,11 +52,11 @@ class View:
     height
         Height of frames of any shape, px; give the width too.
     camera
-        Calibrated camera, in a YAML file of Kalibr (pinhole with radtan or none), OpenCV or ROS:
-        size of the frames, focal lengths, principal point and lens, in place of the scene's. A lens
-        needs LLVM or a GPU.
+        Calibrated camera that replaces the scene's: a YAML file of Kalibr (pinhole with radtan or
+        none), OpenCV or ROS, with the size of the frames, focal lengths, principal point and lens.
+        A lens needs LLVM or a GPU.
     camera_name
-        Which camera of a Kalibr file with several: cam0, cam1, ...
+        Camera of a Kalibr file with several: cam0, cam1, ...
     """
 
     resolution: int | None = None
@@ -127,18 +127,18 @@ def render(
     max_displacement
         Largest motion in the image between two frames, px.
     duration
-        How much of the path to render, seconds; all of it by default.
+        Length of the path to render, seconds; the whole path by default.
     samples
         Number of clips, from the start; all by default.
     continuous
-        One sequence from the start to the duration, instead of clips.
+        Render one sequence from the start to the duration, instead of clips.
     trajectory
-        Poses (camera to world) in TUM's format that the camera passes through at their times, in
-        place of the scene's path; a Mitsuba .xml needs them.
+        Poses (camera to world) in TUM's format, which replace the scene's path. The camera passes
+        through them at their times. A Mitsuba .xml needs them.
     integrator
-        How to compute light: baked, once, for Lambertian scenes; baked-full, the same with a ray
-        for every sample, and many times slower; path, path tracing of every frame, with noise;
-        emission, only the light that surfaces emit. By default path if objects move, emission if
+        How to compute light. baked: once, for Lambertian scenes. baked-full: the same light with a
+        ray for every sample, many times slower. path: path tracing in every frame, with noise.
+        emission: only the light that surfaces emit. By default path if objects move, emission if
         nothing reflects light, baked if possible, else path.
     seed
         Seed of the pixel sampler, the same for every frame.

@@ -223,7 +223,7 @@ def test_a_view_that_leaves_the_plane_is_refused(small_carpet):
         ({"fx": 0.0}, r"Camera.fx: found 0.0, expected \(0, inf\)"),
         ({"fx": 9.0, "fy": np.inf}, r"Camera.fy: found inf, expected \(0, inf\)"),
         ({"fx": 9.0, "cx": np.nan}, r"Camera.cx: found nan, expected \(-inf, inf\)"),
-        ({"fov_rad": 3.2}, r"Camera.fov_rad: found 3.2, expected \(0, pi\)"),
+        ({"fov_rad": 3.2}, r"Camera.fov_rad: .* 3.2 rad, expected \(0, pi\)"),
     ],
 )
 def test_cameras_that_cannot_be_are_refused(values, message):

@@ -507,7 +507,7 @@ def test_an_id_with_a_slash_has_a_file_of_its_own(tmp_path):
 
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path, monkeypatch):
     """Promise: minutes of baking are not lost at their end."""
-    monkeypatch.setattr(bake, "irradiance_maps", lambda *_: pytest.fail("baked first"))
+    monkeypatch.setattr(bake.light, "irradiance_maps", lambda *_: pytest.fail("baked first"))
     (tmp_path / "file").write_text("")
     scene = load_scene(small_carpet_folder(tmp_path / "mine"))
     with pytest.raises(RenderError, match="file: found a file, expected a folder"):

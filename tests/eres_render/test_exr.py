@@ -140,10 +140,10 @@ def test_the_part_with_the_picture_is_read(tmp_path):
         read_luminance(write(tmp_path / "a.exr", depth, beauty)), expected
     )
     both = write(tmp_path / "c.exr", depth, glow, beauty)
-    with pytest.raises(RenderError, match=r"c\.exr: found layers glow, beauty, .*--layer"):
+    with pytest.raises(RenderError, match=r"c\.exr: found layers glow, beauty; .*--layer"):
         read_luminance(both)
     np.testing.assert_array_equal(read_luminance(both, layer="beauty"), expected)
-    with pytest.raises(RenderError, match="found layers glow, beauty, expected 'haze'"):
+    with pytest.raises(RenderError, match="found layers glow, beauty; none is 'haze'"):
         read_luminance(both, layer="haze")
     combined = {**beauty[0], "name": "Scene.Combined"}, channels_of(colors(1), "Scene.Combined.")
     other = {"name": "Scene.Emit"}, channels_of(colors(2), "Scene.Emit.")

@@ -247,7 +247,7 @@ def test_a_resampled_reflectance_may_ring_below_black(small_carpet, monkeypatch)
     mi = mitsuba_that_looks_up()
     texels = np.random.default_rng(0).uniform(0.0, 0.5, (64, 64)).astype(np.float32)
     texels[10:20, 10:20], texels[30:40, 30:40] = -1e-9, -0.01
-    monkeypatch.setattr(lightmaps_module, "reflectance", lambda *_: texels)
+    monkeypatch.setattr(lightmaps_module.light, "reflectance", lambda *_: texels)
     world, _ = lightmaps_module.baked_scene(small_carpet)
     (carpet,) = (shape for shape in world.shapes() if shape.id() == "carpet")
     found = np.asarray(mi.traverse(carpet.emitter())["radiance.data"])

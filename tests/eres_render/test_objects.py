@@ -59,7 +59,7 @@ def test_wrong_settings_are_refused_by_field(scene_folder, old, new, message):
 @pytest.mark.parametrize("t_s", [(0.1, 1.5), (-0.5, 0.9)])
 def test_a_path_must_cover_the_cameras(scene_folder, t_s):
     write_path(scene_folder / "ball.txt", t_s, moved(), moved(0.1))
-    with pytest.raises(TrajectoryError, match=r"ball\.txt: .*object 'ball' that covers the cam"):
+    with pytest.raises(TrajectoryError, match=r"ball\.txt: .*object 'ball' lasts from"):
         load_scene(scene_folder).objects(0, 1.0)
 
 

@@ -286,8 +286,7 @@ def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
         assert caplog.messages == []
     else:
         (message,) = caplog.messages
-        assert f"t_s: found a median of {median} between two frames" in message
-        assert "ms or us?" in message
+        assert f"t_s: the median interval between frames is {median}; times are in s" in message
 
 
 @pytest.mark.parametrize(
@@ -311,8 +310,8 @@ def gradient(levels, highest):
 @pytest.mark.parametrize(
     ("light", "said"),
     [
-        (gradient(256, 255), "whole numbers from 0 to 255, 256 different ones"),
-        (gradient(16, 15), "whole numbers from 0 to 15, 16 different ones"),
+        (gradient(256, 255), "whole numbers from 0 to 255, 256 different values"),
+        (gradient(16, 15), "whole numbers from 0 to 15, 16 different values"),
         (gradient(15, 14), None),  # a step wedge
         (gradient(2, 1), None),  # a checkerboard
         (gradient(2, 255), None),
@@ -366,7 +365,7 @@ def test_a_shift_beyond_int64_is_refused(shift_us):
     """Promise: no time wraps around."""
     events = simulate(frames(), T_S, MODEL)
     there = events.later(shift_us // 2**8) if abs(shift_us) < 2**64 else events
-    with pytest.raises(EventError, match="expected sums that int64 holds"):
+    with pytest.raises(EventError, match=r"later: .* within int64"):
         there.later(shift_us)
     assert len(events[:0].later(shift_us)) == 0
 
@@ -383,7 +382,7 @@ def test_windows_are_exact_up_to_the_ends_of_int64():
             assert events.between(first, last).t_us.tolist() == expected
     array = np.zeros(1, [("x", "u2"), ("y", "u2"), ("t", "u8"), ("p", "?")])
     array["t"] = 2**63 + 5
-    with pytest.raises(EventError, match="found t = 9223372036854775813, expected what int64"):
+    with pytest.raises(EventError, match=r"t of uint64 .* 9223372036854775813"):
         Events.from_structured(array, 1, 1)
     with pytest.raises(EventError, match="voxel_grid: found events of 18446744073709551615 us"):
         voxel_grid(events, 3)
@@ -393,7 +392,7 @@ def test_events_are_selected_by_a_mask_only():
     """Promise: indices are not taken for a mask."""
     events = simulate(frames(), T_S, MODEL)
     assert len(events.where(events.p > 0)) == len(events)
-    with pytest.raises(EventError, match="where: found int64, expected a mask of bools"):
+    with pytest.raises(EventError, match="where: found int64"):
         events.where(np.flatnonzero(events.p > 0))
 
 

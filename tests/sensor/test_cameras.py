@@ -197,7 +197,7 @@ def test_a_camera_in_a_loop_gives_the_events_of_its_stream(white):
     assert_same(concatenate(parts), expected)
     assert live.model == model
     assert live.report.dropped > 0
-    with pytest.raises(SensorError, match="dark_level: found None and a black first frame"):
+    with pytest.raises(SensorError, match=r"dark_level: .* is black"):
         camera.simulate(np.zeros((2, 20, 24)), [0.0, 1.0])
 
 

@@ -66,10 +66,10 @@ def test_order_and_sorting(tmp_path):
         (HEAD, ["whole", -3], "the file ends within a packet"),
         (HEAD, [b"\xff" * 28], "expected a packet"),
         (HEAD, ["huge"], "the file ends within a packet"),
-        (HEAD, ["whole", "other"], "found events of two cameras"),
+        (HEAD, ["whole", "other"], "from 2 cameras"),
         (HEAD, ["outside"], "found 346, expected less than 346"),
         (HEAD.replace(b"DAVIS346B", b"Mine"), ["whole"], "does not store the sensor's size"),
-        (HEAD.replace(b"3.1", b"2.0"), [], "found AEDAT 2.0, expected AEDAT 4.0 or 3.1"),
+        (HEAD.replace(b"3.1", b"2.0"), [], "found AEDAT 2.0"),
     ],
 )
 def test_damage_is_named(head, packets, said, tmp_path):

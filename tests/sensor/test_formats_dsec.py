@@ -146,7 +146,7 @@ def test_clocks(tmp_path):
 def test_a_start_that_could_not_be_read_is_not_written(start_us, tmp_path):
     """Promise: what a file cannot store is refused, and no file appears."""
     for events in (make_events([start_us], [0], [0], [1]), make_events([], [], [], [], 4, 4)):
-        with pytest.raises(EventFormatError, match="expected a start less than 2"):
+        with pytest.raises(EventFormatError, match=rf"DSEC: .* {start_us} us"):
             write_events(tmp_path / "a.h5", events, t_offset_us=start_us)
     assert not list(tmp_path.iterdir())
 
@@ -184,7 +184,7 @@ def test_dsecs_own_recordings(tmp_path):
         ({"t": None}, "events/t: missing"),
         ({"t": np.array([5.0, 9.0, 9.0])}, "events/t: found"),
         ({"x": np.zeros((3, 1), int)}, "events/x: found"),
-        ({"y": [1, 2]}, "events/y: found 2 entries, expected 3"),
+        ({"y": [1, 2]}, "events/y: has 2 entries"),
         ({"p": [0, 1, 2]}, "events/p, entry 2: found 2, expected 0 to 1"),
         ({"p": [-1, 1, 1]}, "events/p, entry 0: found -1, expected 0 to 1"),
         ({"x": [1, 640, 2]}, "events/x, entry 1: found 640, expected 0 to 639"),

@@ -239,7 +239,7 @@ def test_a_clock_that_steps_back_stands_still(tmp_path, caplog):
         events = load_events(raw(tmp_path / "a.raw", HEADER, words))
     assert events.t_us.tolist() == [4196, 4196, 4196, 4197]
     assert events.x.tolist() == [1, 2, 3, 4]
-    assert "steps back by up to 3 us at 2 words" in caplog.text
+    assert "steps back by up to 3 us in 2 words" in caplog.text
 
 
 def test_a_low_time_that_turns_before_the_high_one(tmp_path):
@@ -315,7 +315,7 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (
             b"% event_count 2\n" + HEADER,
             [0x8000, 0x0001, 0x2001],
-            "ends after 1 events, expected 2",
+            "ends after 1 events, but its header says 2",
         ),
         (b"% event_count x\n" + HEADER, [], "event_count: found 'x'"),
         (b"% event_count 2\n% evt 3.0\n", [], "breaks off before '% end'"),
@@ -325,7 +325,7 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (
             b'% sensor_model {"width": 640, "height": 9}\n' + HEADER,
             [],
-            "sensor_model: found a height of 9 px, expected 480 px",
+            "sensor_model: its height is 9 px",
         ),
         (
             b'% sensor_model {"width": 1, "height": 1, "leak_hz": 1' + 400 * b"0" + b"}\n" + HEADER,
@@ -337,7 +337,7 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (HEADER, [0x8000, 0x01E0, 0x2001], "byte 55, word 0x2001: found y = 480, outside"),
         (HEADER, [0x8000, 0x0001, 0x327F, 0x5003], "word 0x5003: found x = 640, outside"),
         (HEADER, [0x8000, 0x0001, 0x4003], "word 0x4003: found a vector of events before"),
-        (HEADER, [0x8000, 0x1001], "word 0x1001: found a word of a type that the format does not"),
+        (HEADER, [0x8000, 0x1001], "word 0x1001: the format has no word of this type"),
         (HEADER, [0x8001, 0x0001, 0x2001, 0x8000, 0x2001], "found time 0 us after 4096 us"),
     ],
 )

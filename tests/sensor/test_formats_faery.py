@@ -80,7 +80,7 @@ def test_times_of_dat_that_run_backwards(tmp_path):
     path = tmp_path / "a.dat"
     words = [(2**32 - 7, 1), (2**32 - 9, 2), (1, 3), (0, 4), (5, 5)]
     path.write_bytes(DAT + np.array(words, "<u4").tobytes())
-    with pytest.raises(EventFormatError, match="events from 0: event 1 there is earlier than the"):
+    with pytest.raises(EventFormatError, match="events from 0: its event 1 is earlier"):
         load_events(path)
     t_us = [2**32 - 9, 2**32 - 7, 2**32, 2**32 + 1, 2**32 + 5]
     expected = make_events(t_us, [2, 1, 4, 3, 5], [0] * 5, [0] * 5, 300, 200)
@@ -138,7 +138,7 @@ def test_an_unknown_version_is_named(tmp_path):
     """Promise: AEDAT 2 is refused by name."""
     path = tmp_path / "a.aedat"
     path.write_bytes(b"#!AER-DAT2.0\r\n#Format: RAW\r\n")
-    with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 2.0, expected AEDAT 4.0"):
+    with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 2.0"):
         load_events(path)
 
 
@@ -166,7 +166,7 @@ def test_packets_out_of_order(tmp_path):
     decoder.write_text(BACKWARDS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(faery_process, "__file__", str(decoder))
-        with pytest.raises(EventFormatError, match="events from 1: event 0 there is earlier than"):
+        with pytest.raises(EventFormatError, match="events from 1: its event 0 is earlier"):
             load_events(path)
         found = load_events(path, sort=True)
     assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))

@@ -165,10 +165,10 @@ LATE, EARLY = (make_events([t], [0], [0], [1]) for t in (1 << 40, -1))
 CANNOT = {
     "evt2 x": ("evt2", [too_wide()], "2049x10 px, expected at most 2048x2048"),
     "evt3 x": ("evt3", [too_wide()], "2049x10 px, expected at most 2048x2048"),
-    "evt2 late": ("evt2", [LATE], "found time 1099511627776 us, expected 0 to 1099511627775"),
-    "evt3 late": ("evt3", [LATE], "found time 1099511627776 us, expected 0 to 1099511627775"),
-    "evt2 early": ("evt2", [EARLY], "found time -1 us"),
-    "evt3 early": ("evt3", [EARLY], "found time -1 us"),
+    "evt2 late": ("evt2", [LATE], "to 1099511627776 us, expected 0 to 1099511627775"),
+    "evt3 late": ("evt3", [LATE], "to 1099511627776 us, expected 0 to 1099511627775"),
+    "evt2 early": ("evt2", [EARLY], "found times from -1 to"),
+    "evt3 early": ("evt3", [EARLY], "found times from -1 to"),
     "dsec span": ("dsec", [make_events([5, 1 << 32], [0, 0], [0, 0], [1, 1])], "4294967296 us"),
     "dsec index": (
         "dsec",
@@ -177,11 +177,11 @@ CANNOT = {
     ),
     "text": ("text", [make_events([(1 << 63) - 1], [0], [0], [1])], "9000000000000 s"),
     "none": ("npz", [], "found none, expected at least one"),
-    "order": ("npz", [LATE, EARLY], "part 1: starts at -1 us, expected no earlier"),
+    "order": ("npz", [LATE, EARLY], "part 1: starts at -1 us"),
     "sensor": (
         "npz",
         [EARLY, random_events(1, width=320)],
-        "part 1: found events of 320x480 px, expected 640x480",
+        "part 1: found events of 320x480 px",
     ),
     "kind": ("npz", [np.zeros(3)], "part 0: found ndarray, expected Events"),
 }
@@ -256,7 +256,7 @@ def test_sizes_are_stored_or_given_and_never_guessed(tmp_path):
     sized = tmp_path / "sized.npz"
     write_events(sized, given)
     assert_same(load_events(sized, size=(346, 260)), given)
-    with pytest.raises(EventFormatError, match="found a size of 346x260, expected 640x480"):
+    with pytest.raises(EventFormatError, match=r"size: .*346x260.*640x480"):
         load_events(sized, size=(640, 480))
 
 
@@ -386,7 +386,7 @@ def test_the_unit_of_times_is_given_or_in_the_file(unit, scale, tmp_path):
     path.write_text(f"t_{unit} x y p\n" + path.read_text())
     assert load_events(path, size=(9, 9)).t_us.tolist() == expected
     other = {"s": "us"}.get(unit, "s")
-    with pytest.raises(EventFormatError, match=f"times in {unit}, .* expected {other} as given"):
+    with pytest.raises(EventFormatError, match=f"says {unit}, not the given {other}"):
         load_events(path, size=(9, 9), time_unit=other)
     with pytest.raises(EventFormatError, match="time_unit: found 'min', expected one of s, ms"):
         load_events(path, size=(9, 9), time_unit="min")
@@ -441,12 +441,15 @@ def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
         ("", "byte 0: found b''"),
         ("640 480", "byte 0: found b'640 480'"),
         ("640 480 3\n", "byte 0"),
-        ("640 480\n320 240\n0.5 1 2 1\n", "byte 8: found b'320 240\\n', a second size, expected"),
+        ("640 480\n320 240\n0.5 1 2 1\n", "byte 8: found a second size, b'320 240\\n'"),
         ("640 480\n0.5 1 2 1\n0.4 1 2 1\n", "byte 18: found b'0.4 1 2 1': the time is earlier"),
         ("640 480\n0.5 640 2 1\n", "x is outside the sensor"),
         ("640 480\n0.5 1 480 1\n", "y is outside the sensor"),
         ("640 480\n0.5 1 2 -2\n", "expected p to be 0 or 1, or -1 or 1"),
-        ("640 480\n0.5 1 2 -1\n0.6 1 2 1\n0.7 1 2 0\n", "byte 29: found b'0.7 1 2 0': found both"),
+        (
+            "640 480\n0.5 1 2 -1\n0.6 1 2 1\n0.7 1 2 0\n",
+            "byte 29: found b'0.7 1 2 0': darker",
+        ),
         ("640 480\n0.5 1 2 2\n", "expected p to be 0 or 1"),
         ("640 480\n0.5 1 2 9\n", "expected p to be 0 or 1"),
         ("640 480\n0.5 1 2\n", "may have a fraction: t x y p"),

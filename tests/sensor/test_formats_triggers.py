@@ -165,8 +165,8 @@ def test_text_does_not_keep_the_start_of_the_clock(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("name", "triggers", "said"),
     [
-        ("evt3", ([5], [16]), "found a trigger on channel 16, expected 0 to 15"),
-        ("evt2", ([5], [32]), "found a trigger on channel 32, expected 0 to 31"),
+        ("evt3", ([5], [16]), "channels up to 16, .* on channels 0 to 15"),
+        ("evt2", ([5], [32]), "channels up to 32, .* on channels 0 to 31"),
         ("evt3", ([-5], [0]), "found triggers from -5 to -5 us"),
     ],
 )
@@ -182,7 +182,7 @@ def test_triggers_that_a_format_cannot_hold(name, triggers, said, tmp_path):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        (([2, 1], [0, 0], [1, 1]), "times that run backwards"),
+        (([2, 1], [0, 0], [1, 1]), "not in ascending order"),
         (([1, 2], [0], [1, 1]), "channel: found uint8 of shape"),
         (([1], [0], [0]), "p: found values other than"),
     ],
@@ -201,7 +201,7 @@ def test_a_file_that_is_not_there_is_an_os_error(suffix, tmp_path):
 
 
 def test_triggers_are_arrays():
-    with pytest.raises(EventFormatError, match=r"triggers, t_us: found \[12\], expected an array"):
+    with pytest.raises(EventFormatError, match="triggers, t_us: found list"):
         Triggers([12], [0], [1])
 
 

@@ -167,7 +167,7 @@ def test_frames_on_the_gpu_that_cannot_be_are_refused():
         ((there[k : k + 1] for k in range(6)), r"frame 0: found float32 of shape \(1, 20, 20\)"),
         ((there[k] if k < 3 else frames[k] for k in range(6)), "frame 3: found a ndarray"),
         ((there[k] for k in range(5)), "frames: ended after 5"),
-        (there[:, ::2], "frame 0: found rows on the GPU that are not one after the other"),
+        (there[:, ::2], r"frame 0: found .* strides \("),
         (there[:4], r"frames: found shape \(4, 20, 20\)"),
     ):
         with pytest.raises(SensorError, match=words):

@@ -101,13 +101,13 @@ def test_a_frame_is_divided_among_threads_where_that_is_worth_it(monkeypatch):
     """Promise: on a machine of many cores a small frame costs what it does on one: the default is
     one thread for each core, and a part of 100 microseconds of work costs that much to start."""
     monkeypatch.setattr(group, "_BAND_WORK", 1 << 16)
-    pixels, advance = [], group.advance_pixels
+    pixels, advance = [], group.advance.advance_pixels
 
     def counted(light, band, *rest):
         pixels.append(band.stop - band.start)
         return advance(light, band, *rest)
 
-    monkeypatch.setattr(group, "advance_pixels", counted)
+    monkeypatch.setattr(group.advance, "advance_pixels", counted)
     with LiveCamera(plain(width=320, height=240), threads=8) as live:
         live.push(np.ones((240, 320)), 0.0)
         live.push(np.ones((240, 320)), 1.0)
@@ -148,9 +148,7 @@ def test_white_gives_the_levels_that_the_first_frame_cannot():
     assert (live.model.dark_level, live.model.cutoff_reference) == (0.005, 5.0)
     with (
         LiveCamera(plain()) as live,
-        pytest.raises(
-            SensorError, match=r"dark_level: found None and a black first frame.* `white`"
-        ),
+        pytest.raises(SensorError, match=r"dark_level: .* is black.* `white`"),
     ):
         live.push(np.zeros(SIZE), 0.0)
 
@@ -162,7 +160,7 @@ REFUSED = {
     "no time": ((ONES, np.nan), r"t_s\[3\]: found nan"),
     "a word": ((ONES, "soon"), "t_s: found .*, expected a row of times"),
     "times missing": ((np.ones((2, *SIZE)), 0.3), "t_s: found 1 times for 2 frames"),
-    "hours later": ((ONES, 1e4), r"t_s: found 10000 s between two frames"),
+    "hours later": ((ONES, 1e4), r"t_s: found 9999.* s between two frames"),
     "another size": (
         (np.ones((24, 30)), 0.3),
         r"frame 3: found shape \(24, 30\), expected ",
@@ -202,7 +200,7 @@ def test_bad_radiance_is_named_and_no_frame_follows(value, first):
         if first:
             assert len(live.push(ONES, 1.0)) == 0
         else:
-            with pytest.raises(SensorError, match="push: found a camera that has ended, after 1 f"):
+            with pytest.raises(SensorError, match="push: this camera has ended, after 1 f"):
                 live.push(ONES, 4.0)
 
 
@@ -250,9 +248,9 @@ def test_the_likely_mistakes_of_a_loop_are_warned_of_once(caplog):
     with LiveCamera(plain()) as live:
         for k in range(4):
             live.push(image, 33.0 * k)
-    assert [record.getMessage().split(",")[0][:40] for record in caplog.records] == [
-        "frames: all values of the first are whol",
-        "t_s: found a median of 33 s between two ",
+    assert [record.getMessage()[:40] for record in caplog.records] == [
+        "frames: the first frame looks like an 8-",
+        "t_s: the median interval between frames ",
     ]
 
 

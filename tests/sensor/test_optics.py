@@ -56,5 +56,5 @@ def test_what_is_no_light_is_refused(value):
     """Promise: an error, not a picture without the pixel."""
     frame = np.ones((4, 4))
     frame[1, 2] = value
-    with pytest.raises(SensorError, match="found radiance that is negative or not finite"):
+    with pytest.raises(SensorError, match="frame: radiance is negative or not finite"):
         integrate(frame, 2, 2)

@@ -127,7 +127,7 @@ def test_white_is_that_of_the_first_frame_by_default():
     assert events.model.cutoff_reference == 0.5
     given = replace(model, cutoff_reference=0.5, dark_level=5e-4)
     np.testing.assert_array_equal(events.t_us, simulate(light, [0.0, 0.1], given).t_us)
-    with pytest.raises(SensorError, match="cutoff_reference: found None and a black first frame"):
+    with pytest.raises(SensorError, match=r"cutoff_reference: .* is black"):
         simulate(0 * light, [0.0, 0.1], replace(model, dark_level=1e-3))
 
 

@@ -38,7 +38,7 @@ def test_the_parts_are_read_once_and_the_bus_is_a_readout():
     events = make([1, 2], [0, 1], [0, 0])
     parts = read_out(events, Readout(max_rate_hz=1e6, fifo_depth=9))
     assert len(concatenate(list(parts))) == 2
-    with pytest.raises(EventError, match="found parts that were read before"):
+    with pytest.raises(EventError, match="have been read before"):
         list(parts)
     with pytest.raises(
         SensorError, match=r"read_out: readout: found 1000000\.0, expected a sensor"
@@ -52,7 +52,7 @@ def test_parts_that_failed_are_not_empty_the_second_time():
     sent = read_out([make([5, 9]), make([3, 4])], bus)
     with pytest.raises(EventError, match="begins at 3 us"):
         list(sent)
-    with pytest.raises(EventError, match="read before, expected one iteration"):
+    with pytest.raises(EventError, match="have been read before"):
         list(sent)
 
 
@@ -61,9 +61,7 @@ def test_times_whose_differences_overflow_are_refused():
     bus = Readout(max_rate_hz=1e6, fifo_depth=1)
     assert len(concatenate(list(read_out(make([1 - (1 << 62)]), bus)))) == 1
     for t_us in ([-5 * 10**18], [-4 * 10**18, 9 * 10**18]):
-        with pytest.raises(
-            EventError, match=r"found an event at (-5|9)\d{18} us, expected all wit"
-        ):
+        with pytest.raises(EventError, match=r"an event at (-5|9)\d{18} us is out of range"):
             list(read_out(make(t_us), bus))
 
 
@@ -228,9 +226,9 @@ def test_every_event_is_where_the_slow_model_has_it(seed, rate_hz, depth, overhe
 def test_what_is_not_one_stream_is_refused():
     """Promise: errors name parts of a different size or out of order, and impossible buses."""
     first, second = make([5, 9]), make([3, 4])
-    with pytest.raises(EventError, match="begins at 3 us after one that ends at 9 us"):
+    with pytest.raises(EventError, match=r"begins at 3 us, .* ends at 9 us"):
         list(read_out([first, second], Readout(max_rate_hz=1e6, fifo_depth=1)))
-    with pytest.raises(EventError, match="32x32 px after one of 64x64"):
+    with pytest.raises(EventError, match="32x32 px follows a part of 64x64"):
         list(read_out([first, make([10], size=(32, 32))], Readout(max_rate_hz=1e6, fifo_depth=1)))
     for kwargs, text in [
         ({"max_rate_hz": 0.0, "fifo_depth": 1}, "max_rate_hz"),

@@ -211,13 +211,13 @@ BAD_FRAMES = {
     "infinite": (lambda f, t: (np.where(f == f[9, 1, 2], np.inf, f), t), "frame 9, pixel x=2 y=1"),
     "uint8": (lambda f, t: ((f * 9).astype(np.uint8), t), "uint8"),
     "too few times": (lambda f, t: (f, t[:-1]), "expected (24, H, W)"),
-    "ends early": (lambda f, t: (iter(f[:20]), t), "ended after 20, expected 25"),
+    "ends early": (lambda f, t: (iter(f[:20]), t), "ended after 20 frames, expected 25"),
     "too many frames": (lambda f, t: (iter(f), t[:20]), "more than 20"),
     "changes size": (lambda f, t: ([*f[:4], f[4, 1:], *f[5:]], t), "frame 4: found shape (47, 48)"),
     "times repeat": (lambda f, t: (f, np.where(t == t[7], t[6], t)), "t_s[7]"),
     "times unsorted": (lambda f, t: (f, t[::-1]), "t_s[1]"),
     "time nan": (lambda f, t: (f, np.where(t == t[2], np.nan, t)), "t_s[2]"),
-    "no frames": (lambda f, t: (iter([]), t), "found none"),
+    "no frames": (lambda f, t: (iter([]), t), "ended after 0 frames, expected 25"),
     "one frame alone": (lambda f, t: (f[0], t), "expected (25, H, W)"),
 }
 
@@ -301,7 +301,7 @@ def test_bad_models_are_refused(kwargs, text):
 @pytest.mark.parametrize("radiance", [1e305, 1e-298])
 def test_light_that_gives_no_dark_level_is_named(radiance):
     frames = np.full((2, 2, 2), radiance)
-    with pytest.raises(SensorError, match=r"dark_level: found None and a white level of 1e"):
+    with pytest.raises(SensorError, match=r"dark_level: .* a white level of 1e"):
         simulate(frames, [0.0, 1.0], SensorModel(width=2, height=2))
 
 
@@ -323,13 +323,13 @@ def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
     frames, t_s = scene
     with pytest.raises(SensorError, match="finer than the frames of 48x48"):
         simulate(frames, t_s, model(49))
-    with pytest.raises(SensorError, match="a black first frame"):
+    with pytest.raises(SensorError, match=r"dark_level: .* is black"):
         simulate(np.zeros_like(frames), t_s, model())
     with pytest.raises(SensorError, match="dark_level is 0"):
         simulate(np.zeros_like(frames), t_s, model(dark_level=0.0))
     with pytest.raises(SensorError, match="speeds"):
         simulate_bank(frames, t_s, [model()], speeds=[0.0])
-    with pytest.raises(SensorError, match="found none"):
+    with pytest.raises(SensorError, match=r"models: found \[\]"):
         simulate_bank(frames, t_s, [])
 
 
@@ -353,7 +353,7 @@ def test_events_refuse_what_is_not_an_event_stream():
         ((t[::-1].copy(), x, x, p, 3, 3), "earlier"),
         ((t.astype(float), x, x, p, 3, 3), "t_us"),
         ((t, x, x, p, 2, 3), "Events.x: found 2"),
-        ((t, x, x[:2], p, 3, 3), "Events.y: found 2"),
+        ((t, x, x[:2], p, 3, 3), r"Events.y: found uint16 of shape \(2,\)"),
         ((t, x, x, p * 0, 3, 3), "Events.p"),
     ]:
         with pytest.raises(EventError, match=text):

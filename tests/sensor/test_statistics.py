@@ -39,7 +39,7 @@ def test_intervals_at_the_ends_of_int64():
         assert histogram.counts.tolist() == [1, 0]
     histogram = IntervalHistogram(1, 1, [1, 10, 100], window_us)
     ends = np.array([-(1 << 62) - 10, (1 << 62) + 10])
-    with pytest.raises(EventError, match=r"expected less than 2\^63 us after the first"):
+    with pytest.raises(EventError, match=r"within less than 2\^63 us"):
         histogram.add(Events(ends, pixel, pixel, p, 1, 1))
 
 
@@ -92,10 +92,10 @@ def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
     assert mode_us([10, 20, 80], [100, 150]) == pytest.approx(math.sqrt(200))
     assert mode_us([10, 20, 80], [0, 0]) is None
     for span_us in ((0, 1000), (0.1, 1), (100, 1), (10, 1e30), (10, np.nan)):
-        with pytest.raises(EventError, match=r"expected times from 1 to 1e\+18 us"):
+        with pytest.raises(EventError, match=r"expected increasing times from 1 to 1e\+18 us"):
             log_bin_edges_us(*span_us)
     for per_decade in (0, -1, np.nan):
-        with pytest.raises(EventError, match=r"per_decade = .* expected at least one bin"):
+        with pytest.raises(EventError, match=r"per_decade = .* at least one bin"):
             log_bin_edges_us(10, 1000, per_decade)
 
 
@@ -122,8 +122,8 @@ def test_windows_of_a_histogram_may_reach_beyond_any_event():
     [
         ([0, 3], [[2, 1], [2, 1]], None, "sizes: found"),
         ([3, 3], [[2, 1], [2, 1]], None, "sizes: found"),
-        ([1, 3], [[np.inf, 1], [2, 1]], None, "blocks: found values that are not"),
-        ([1, 3], [[2, 1], [2, 1]], [1, 1, 1], r"weights: found shape \(3,\), expected \(2,\)"),
+        ([1, 3], [[np.inf, 1], [2, 1]], None, "blocks: found 2"),
+        ([1, 3], [[2, 1], [2, 1]], [1, 1, 1], r"weights of shape \(3,\)"),
     ],
 )
 def test_what_has_no_power_law_is_refused(sizes, blocks, weights, said):
@@ -180,7 +180,7 @@ def test_events_of_another_sensor_are_refused():
     events = drawn_events(3, 50, 5, 7, 1000)
     with pytest.raises(EventError, match="found events of 5x7 px, expected 7x5 px"):
         histogram.add(events)
-    with pytest.raises(EventError, match="found a window from 9 to 9 us, expected an end after"):
+    with pytest.raises(EventError, match="window from 9 to 9 us is empty"):
         event_rates_hz(events, 9, 9)
 
 
@@ -271,6 +271,6 @@ def test_parts_in_another_order_are_refused():
     histogram = IntervalHistogram(1, 1, [10, 100], (0, 1000))
     histogram.add(late)
     histogram.add(late[:0])
-    with pytest.raises(EventError, match="found an event at 100 us after one at 550 us"):
+    with pytest.raises(EventError, match="from 100 to 150 us after events from 500 to 550 us"):
         histogram.add(early)
     assert histogram.counts.tolist() == [1]

@@ -200,7 +200,7 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
     }
     poses = (clip / "poses.txt").read_bytes()
     code, _, err = eres("truth", clip, "--out", clip, "--overwrite")
-    assert (code, "found a sequence; truth would" in err) == (1, True)
+    assert (code, "holds a sequence" in err) == (1, True)
     assert (clip / "poses.txt").read_bytes() == poses
 
 
@@ -236,7 +236,7 @@ BAD_POSES = [
     ("0 0 0 0.2 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", "is inside a solid or behind a wall, shape 'ball'"),
     ("0 3 0 0 0 0 0 1\n1 -3 0 0 0 0 0 1\n", "of shape 'ball'"),
     ("hello\n", "line 1: found 'hello', expected 8 numbers"),
-    ("0 3 0 0 0 0 0 1\n", "found 1, expected two or more poses"),
+    ("0 3 0 0 0 0 0 1\n", "found 1 times for poses of shape"),
     ("", "found no pose"),
     (b"\x92\xff\x00", "poses.txt: could not be read as text"),
 ]
@@ -287,7 +287,7 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 def test_a_path_without_room_for_a_clip_says_what_to_do(eres, tmp_path, path_s, instead):
     xml = write_scene(tmp_path, CAMERA, SCENE)
     poses = write_poses(tmp_path, POSITIONS_M, (0.0, 0.2, path_s))
-    text = f"found 0.22 s of path, expected at least 0.3 s for the first of them; {instead} for one"
+    text = f"found 0.22 s of path, expected at least 0.3 s; {instead} for one sequence"
     options = ("--out", tmp_path / "out", "--duration", 0.22)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *options)
 
@@ -390,7 +390,7 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     for k in range(2):
         (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
         (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
-    instead = f"expected one of them: give {tmp_path / 'r' / 'clip_000'} or another of 2"
+    instead = f"a folder of 2 sequences; give a sequence, such as {tmp_path / 'r' / 'clip_000'}"
     folder, out = tmp_path / "r", tmp_path / "o"
     refused(eres, tmp_path, instead, "info", folder)
     refused(eres, tmp_path, instead, "truth", folder, "--out", out)
@@ -434,8 +434,7 @@ def test_frames_far_apart_are_said(eres, tmp_path, caplog):
     said = [message for message in caplog.messages if "px apart" in message]
     assert [message.split(":")[0] for message in said] == ["room", str(clip), str(clip)]
     assert all(
-        "frames lie up to 3.5 px apart, expected a max displacement of at most 1:" in line
-        for line in said
+        "the image moves up to 3.5 px from frame to frame, above 1 px:" in line for line in said
     )
 
 

@@ -830,9 +830,9 @@ def test_steps_are_the_edges_of_one_channel(tmp_path):
     file = tmp_path / "events.h5"
     write_events(file, moving(0.2, 0.2, 1e-2)[:9], triggers=edges)
     assert read_steps("triggers:1", file).tolist() == [200, 400, 600]
-    with pytest.raises(TaskError, match=r"events.h5: triggers: found edges on channel 0, 1, exp"):
+    with pytest.raises(TaskError, match=r"events.h5: triggers: found edges on channel 0, 1;"):
         read_steps("triggers", file)
-    with pytest.raises(TaskError, match="found edges on channel 0, 1, expected 3 among them"):
+    with pytest.raises(TaskError, match="found edges on channel 0, 1; none on 3"):
         read_steps("triggers:3", file)
 
 
