@@ -14,10 +14,7 @@ from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
 
 RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run")]
-OtherRuns = Annotated[
-    Positional[tuple[Path, ...]],
-    arg(metavar="[RUN...]", help_behavior_hint=""),
-]
+OtherRuns = Annotated[Positional[tuple[Path, ...]], arg(metavar="[RUN...]", help_behavior_hint="")]
 WeightsFiles = Annotated[tuple[str, ...], arg(metavar="[METHOD=]FILE...", help_behavior_hint="")]
 
 

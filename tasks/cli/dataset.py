@@ -36,8 +36,7 @@ class _AtEachCutoff(CameraOptions):
     """
 
     cutoffs: Annotated[
-        tuple[float, ...] | None,
-        arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
+        tuple[float, ...] | None, arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint="")
     ] = None
     threshold_deviation: float = 0.03
 

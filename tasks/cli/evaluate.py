@@ -28,10 +28,7 @@ _USUAL_WIDTH = 346
 def evaluate(
     source: Annotated[
         Positional[Path],
-        arg(
-            metavar="SOURCE",
-            help="folder of a clip or continuous sequence, or file of events",
-        ),
+        arg(metavar="SOURCE", help="folder of a clip or continuous sequence, or file of events"),
     ],
     task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),

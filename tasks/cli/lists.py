@@ -108,11 +108,7 @@ def _facts(camera: EventCamera) -> Iterator[str]:
         yield "-"
     ends = {f"{replace(camera, area_exponent=g).cutoff_at(1.0):.2g}" for g in (0.0, 1.0)}
     yield "-".join(sorted(ends, key=float)) + (" lent" if camera.borrows_cutoff else "")
-    noise = {
-        "leak": camera.leak_hz,
-        "shot": camera.shot_noise_hz,
-        "hot": camera.hot_pixel_fraction,
-    }
+    noise = {"leak": camera.leak_hz, "shot": camera.shot_noise_hz, "hot": camera.hot_pixel_fraction}
     yield ", ".join(kind for kind, amount in noise.items() if amount) or "-"
     yield "-" if camera.bus is None else f"{camera.bus_hz / 1e6:g}"
 

@@ -13,12 +13,7 @@ from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.simulation import (
-    AS_IN_THE_FRAMES,
-    SimulationOptions,
-    seen_part,
-    simulate_frames,
-)
+from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, seen_part, simulate_frames
 from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px

@@ -20,12 +20,7 @@ from tasks.recording.frames import RecordedFrames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.source import sources
-from tasks.recording.threshold import (
-    ANY_THRESHOLDS,
-    Thresholds,
-    fit_recording,
-    stored_thresholds,
-)
+from tasks.recording.threshold import ANY_THRESHOLDS, Thresholds, fit_recording, stored_thresholds
 from tasks.recording.window_length import with_motion
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
