@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Sized
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
@@ -13,39 +15,50 @@ import docstring_parser
 from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
 
+from tasks.errors import UsageError
+
 RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run")]
+ScenePath = Annotated[
+    Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+]
+SequenceFolder = Annotated[
+    Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+]
 OtherRuns = Annotated[Positional[tuple[Path, ...]], arg(metavar="[RUN...]", help_behavior_hint="")]
 WeightsFiles = Annotated[tuple[str, ...], arg(metavar="[METHOD=]FILE...", help_behavior_hint="")]
+
+
+def several(metavar: str, help: str) -> Any:
+    """Return the hint of a positional argument of which there are several; see `require`."""
+    return arg(metavar=metavar, help=help, help_behavior_hint="(required)")
+
+
+def require(values: Sized, what: str) -> None:
+    """Refuse a positional argument of which none is given."""
+    if not values:
+        raise UsageError(f"no {what} given")
 
 
 def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:
     """Make commands of functions, with their names.
 
-    Parameters
-    ----------
-    functions
-        The functions; tyro reads their parameters and docstrings.
-    overview
-        Whether each command's help is only its first line, for the list of all commands.
-
-    Returns
-    -------
-    The application.
+    With `overview`, the help of each command is only its first line, for the list of all commands.
     """
-    app = SubcommandApp()
+    app, width = SubcommandApp(), shutil.get_terminal_size().columns
     for function in functions:
-        first_line = _prepare(function)
-        app.command(help=first_line if overview else None)(function)
+        paragraphs = _prepare(function)[: 1 if overview else None]
+        wrapped = (textwrap.fill(text, width, break_on_hyphens=False) for text in paragraphs)
+        app.command(help="\n\n".join(wrapped))(function)
     return app
 
 
 @cache
-def _prepare(function: Callable[..., Any]) -> str | None:
+def _prepare(function: Callable[..., Any]) -> list[str]:
     """Change the docstring and annotations of a command to what tyro shows well.
 
     Returns
     -------
-    The first line of its docstring.
+    The paragraphs of its description.
     """
     described = docstring_parser.parse(function.__doc__ or "")
     for argument in described.params:  # tyro would keep the source's line breaks
@@ -53,19 +66,15 @@ def _prepare(function: Callable[..., Any]) -> str | None:
         argument.default = None  # parsed from "by default ..."; compose adds it to the name
     function.__doc__ = docstring_parser.compose(described)
     _hide_unset(function)
-    return described.short_description
+    return (described.description or "").split("\n\n")
 
 
 @cache  # commands share options, and each change would add to the one before
 def _hide_unset(function: Callable[..., Any]) -> None:
     """Hide the defaults None and False, which tyro would print after the help of an option.
 
-    Hints that an option already has stay.
-
-    Parameters
-    ----------
-    function
-        A command, or a dataclass of options; its annotations change.
+    Changes the annotations of a command or a dataclass of options. Hints that an option already has
+    stay.
     """
     plain, whole = get_type_hints(function), get_type_hints(function, include_extras=True)
     for name, parameter in inspect.signature(function).parameters.items():

@@ -107,7 +107,6 @@ def dataset(
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.generation.dataset import make_dataset
     from tasks.generation.settings import DatasetSettings
 
@@ -136,7 +135,7 @@ def dataset(
     except TaskError as error:
         name, colon, found = str(error).partition(":")
         raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{found}") from error
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
     made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"
-    terminal.out.print(f"{out}: {made}", soft_wrap=True)
+    terminal.say(f"{out}: {made}")

@@ -79,15 +79,14 @@ def evaluate(
             f"{source}: found a folder with options of recordings, expected a file of events"
         )
     from eres_render import open_sequence
-    from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.sequence import evaluate_sequence
     from tasks.methods.networks import named_weights
 
     sequence = open_sequence(source)
     size = sequence.manifest.width, sequence.manifest.height
     chosen = camera.camera(*size, usual_width=_USUAL_WIDTH)
-    terminal.out.print(chosen.assumptions(**camera.light), soft_wrap=True, highlight=False)
-    with progress_bar(terminal.err) as on_progress:
+    terminal.say(chosen.assumptions(**camera.light))
+    with terminal.progress() as on_progress:
         rows = evaluate_sequence(
             sequence,
             task,
@@ -114,14 +113,13 @@ def _evaluate_recording(
     frame_options: FrameOptions,
     flow: FlowOptions,
 ) -> None:
-    from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
     from tasks.recording.evaluate import evaluate_recording
     from tasks.recording.recording import open_recording
 
     shift_us, frames = frame_options.shift_us, frame_options.open_frames()
     recording = open_recording(path, format=format, reading=reading)
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         found = evaluate_recording(
             recording,
             task,
@@ -135,7 +133,7 @@ def _evaluate_recording(
         )
     _print_scores(found.rows, "method", "metric")
     for note in found.notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
+        terminal.say(note)
     terminal.out.print(f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording")
 
 
@@ -150,4 +148,4 @@ def _print_scores(rows: Sequence[Row], *fields: str) -> None:
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)
         table.add_row(*names, f"{median:.3f}", metric, str(len(scored)), str(failed))
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

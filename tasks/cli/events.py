@@ -59,7 +59,6 @@ def simulate(
     overwrite
         Replace an existing file.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.footage_simulation import simulate_footage
     from tasks.events.simulation import SimulationOptions, simulate_sequence, warn_of_fill_factor
     from tasks.footage import Footage
@@ -88,12 +87,12 @@ def simulate(
         format=format,
         overwrite=overwrite,
     )
-    terminal.out.print(assumes, soft_wrap=True, highlight=False)
-    with progress_bar(terminal.err) as on_progress:
+    terminal.say(assumes)
+    with terminal.progress() as on_progress:
         count, report = simulate_frames(model, out, options, on_progress=on_progress)
-    terminal.out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)
+    terminal.say(f"{out}: {count} events of {model.width}x{model.height} px")
     if report is not None:
-        terminal.out.print(f"bus: {report}", soft_wrap=True)
+        terminal.say(f"bus: {report}")
 
 
 def convert(
@@ -138,4 +137,4 @@ def convert(
         from_start=from_start,
         overwrite=overwrite,
     )
-    terminal.out.print(f"{out}: {count} events", soft_wrap=True)
+    terminal.say(f"{out}: {count} events")

@@ -80,7 +80,6 @@ def fit(
     """
     from sensor.cameras import find_camera, plain_camera, write_camera
     from sensor.events import concatenate
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
     from tasks.fitting.fit import Evidence
     from tasks.fitting.fit import fit as fit_recording
@@ -129,7 +128,7 @@ def fit(
             f"sensor: {sensor} has {known.width}x{known.height} px, and {recording} "
             f"{size[0]}x{size[1]} px; give a camera of that size"
         )
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         found = fit_recording(events, replace(evidence, camera=known), on_progress)
     fitted = replace(
         found.camera(known, in_text(recording.name)),
@@ -140,9 +139,9 @@ def fit(
     _print_tables(found)
     _print_remarks(found, known, shift_us if crop is None else None)
     for note in notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(fitted.assumptions(), soft_wrap=True, highlight=False)
-    terminal.out.print(f"{out}: {len(found.values(''))} values", soft_wrap=True)
+        terminal.say(note)
+    terminal.say(fitted.assumptions())
+    terminal.say(f"{out}: {len(found.values(''))} values")
 
 
 def _print_tables(found: Found) -> None:
@@ -152,13 +151,13 @@ def _print_tables(found: Found) -> None:
     table = Table("field", "value", "unit", box=None)
     for name, (value, unit, _, _) in found.values("").items():
         table.add_row(name, str(value), unit)
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
     if found.sweep:
         columns = "dark level, % of white", "ON, log", "OFF, log", "spread over brightness, %"
         sweep = Table(*columns, box=None)
         for (on, off, dark, *_), uneven in found.sweep:
             sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
-        terminal.out.print(sweep, crop=False)
+        terminal.show(sweep)
     if (held_out := found.agreement) is not None:
         start_s, end_s = (1e-6 * one for one in held_out.counted_us)
         sides = "real", "simulated", "simulated / real"
@@ -173,7 +172,7 @@ def _print_tables(found: Found) -> None:
         real_us, simulated_us = held_out.real_us, held_out.simulated_us
         ms = f"{1e-3 * real_us:.3g}", f"{1e-3 * simulated_us:.3g}"
         table.add_row("median inter-event interval, ms", *ms, f"{simulated_us / real_us:.3f}")
-        terminal.out.print(table, crop=False)
+        terminal.show(table)
 
 
 def _print_remarks(found: Found, known: EventCamera, shift_us: int | None) -> None:
@@ -181,34 +180,30 @@ def _print_remarks(found: Found, known: EventCamera, shift_us: int | None) -> No
     from tasks.recording.motion import NOISY
 
     if found.dark is not None and found.dark.is_bound:
-        terminal.out.print(
+        terminal.say(
             f"the events bound the dark level, {found.dark} of white; the thresholds are those at "
-            f"{100 * known.dark_share:g} %",
-            soft_wrap=True,
+            f"{100 * known.dark_share:g} %"
         )
     if found.thresholds is not None and found.thresholds.unexplained > NOISY:
-        terminal.out.print(
+        terminal.say(
             f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
             "light unexplained, and may be too low by as much: between frames it changes more than "
-            "they show; more frames, or slower motion, help",
-            soft_wrap=True,
+            "they show; more frames, or slower motion, help"
         )
     if found.motion is not None:
-        terminal.out.print(
+        terminal.say(
             f"delay of slow changes: {found.motion.delay_s} s; "
-            f"{100 * found.motion.unexplained:.0f} % of the change of the light stays unexplained",
-            soft_wrap=True,
+            f"{100 * found.motion.unexplained:.0f} % of the change of the light stays unexplained"
         )
         if found.motion.may_be_a_shift:
             advice = ""
             if shift_us is not None:
                 option = f"--frames-shift-us {shift_us + round(found.motion.shift_us)}"
                 advice = f": if it is one, {option} removes it"
-            terminal.out.print(f"{found.motion.shift_sentence()}{advice}", soft_wrap=True)
+            terminal.say(f"{found.motion.shift_sentence()}{advice}")
     if found.response is not None:
         early, middle, late = (1e6 * one for one in found.response.first_event_s)
-        terminal.out.print(
+        terminal.say(
             f"first event of a pixel after a step: {middle:.4g} us, for 90 % of them from "
-            f"{early:.4g} to {late:.4g} us",
-            soft_wrap=True,
+            f"{early:.4g} to {late:.4g} us"
         )

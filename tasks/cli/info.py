@@ -82,4 +82,4 @@ def _print_pairs(pairs: dict[str, str]) -> None:
     table = Table(box=None, show_header=False)
     for name, value in pairs.items():
         table.add_row(name, value)
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

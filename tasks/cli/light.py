@@ -28,14 +28,13 @@ def bake(
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
     from eres_render.rendering.lightmaps import bake_scene
-    from tasks.cli.progress_bar import progress_bar
 
     found = load_scene(scene)
     select_variant()
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         files = bake_scene(found, on_progress=on_progress)
     for file in files:
-        terminal.out.print(str(file), soft_wrap=True)
+        terminal.say(str(file))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,10 +147,9 @@ def render(
         changes none.
     """
     from eres_render import load_scene, render_scene
-    from tasks.cli.progress_bar import progress_bar
 
     found = load_scene(scene, trajectory)
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         sequences = render_scene(
             found,
             out,
@@ -167,7 +165,7 @@ def render(
             on_progress=on_progress,
         )
     for sequence in sequences:
-        terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
+        terminal.say(f"{sequence.folder}: {len(sequence)} frames")
 
 
 def stereo(
@@ -207,7 +205,7 @@ def stereo(
     end_s = continuous_stretch(loaded).t_window_end_s  # refused if longer than one can render
     t_s, poses = second_camera(path, to_the_right(baseline), end_s)
     write_text(out, tum_text(t_s, poses, path.t_offset_us))
-    terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
+    terminal.say(f"{out}: {len(t_s)} poses")
 
 
 def truth(
@@ -244,11 +242,10 @@ def truth(
         Replace ground truth in the folder; by default such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
-    from tasks.cli.progress_bar import progress_bar
 
     opened = open_sequence(sequence)
     times_s = window_times(opened, step)
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         files = write_truth(
             ground_truth(opened),
             out,
@@ -259,7 +256,7 @@ def truth(
             flow_png=flow_png,
             overwrite=overwrite,
         )
-    terminal.out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
+    terminal.say(f"{out}: {len(files)} files, {len(times_s)} times")
 
 
 def images(
@@ -291,10 +288,9 @@ def images(
         Seed of the noise.
     """
     from eres_render import open_sequence
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.frame_camera import write_images
 
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         count = write_images(
             open_sequence(sequence),
             out,
@@ -304,7 +300,7 @@ def images(
             seed=seed,
             on_progress=on_progress,
         )
-    terminal.out.print(f"{out}: {count} images", soft_wrap=True)
+    terminal.say(f"{out}: {count} images")
 
 
 def convergence(
@@ -332,12 +328,11 @@ def convergence(
         Poses in TUM's format in place of the scene's path.
     """
     from eres_render import load_scene
-    from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.convergence import converge
 
     table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
     finest: int | None = None
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         outcomes = converge(
             load_scene(scene, trajectory),
             resolution=resolution,
@@ -356,4 +351,4 @@ def convergence(
                 f"{100 * (outcome.events / finest - 1):+.1f} %" if finest else "",
                 f"{outcome.psnr_db:.2f} dB",
             )
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

@@ -48,7 +48,7 @@ def scenes() -> None:
             f"{scene.duration_s:g} s",
             scene.settings.license,
         )
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
 
 
 def sensors(
@@ -87,7 +87,7 @@ def sensors(
     table = Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s", box=None)
     for found in map(find_camera, camera_names()):
         table.add_row(*_facts(found))
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
     terminal.out.print(_LEGEND, highlight=False)
 
 
@@ -137,7 +137,7 @@ def _show(camera: EventCamera) -> None:
             source.kind if source else "" if found is None else "default",
             source.text if source else "",
         )
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
 
 
 def methods() -> None:
@@ -153,4 +153,4 @@ def methods() -> None:
             if method.network:
                 note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
             table.add_row(task, name, method.place, note)
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

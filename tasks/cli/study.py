@@ -136,7 +136,6 @@ def study(
         Continue a run even with another version of Mitsuba, or on another device (GPU or CPU), than
         it was begun with. Their frames differ slightly.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
     from tasks.study.config import preset as find_preset
     from tasks.study.config import with_weights
@@ -154,19 +153,19 @@ def study(
     asked = changes.applied_to(chosen)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
     run = read_run(out)
     _show_scores(run)
     _show_claims(run)
-    terminal.out.print(f"\nreport: {write_report(run)}", soft_wrap=True)
+    terminal.say(f"\nreport: {write_report(run)}")
 
 
 def report(run: RunFolder) -> None:
     """Rewrite report.html, figures and tables of a run."""
     from tasks.study.report import write_report
 
-    terminal.out.print(str(write_report(run)), soft_wrap=True)
+    terminal.say(str(write_report(run)))
 
 
 def claims(run: RunFolder, others: OtherRuns = ()) -> None:
@@ -202,7 +201,7 @@ def _show_scores(run: FinishedRun) -> None:
     from tasks.study.results.words import join_words, photoreceptor_label, share_text
 
     for line in run.assumes:
-        terminal.out.print(line, soft_wrap=True, highlight=False)
+        terminal.say(line)
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
@@ -210,13 +209,9 @@ def _show_scores(run: FinishedRun) -> None:
         terminal.out.print("other speeds are in the report and in tables.csv", highlight=False)
     if scores.dropped:
         lost = [f"{one.label} {share_text(share)}" for one, share in sorted(scores.dropped.items())]
-        terminal.out.print(
-            f"largest share of a window's events that the bus lost: {', '.join(lost)}",
-            soft_wrap=True,
-            highlight=False,
-        )
+        terminal.say(f"largest share of a window's events that the bus lost: {', '.join(lost)}")
     for line in run.exponents:
-        terminal.out.print(line, soft_wrap=True, highlight=False)
+        terminal.say(line)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.out.print(
@@ -251,11 +246,11 @@ def _show_claims(run: FinishedRun) -> None:
     for verdict in run.verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         number, title = f"\n{verdict.number:2} ", f": {verdict.title}{likeness}"
-        terminal.out.print(Text.assemble(number, marks[verdict.status], title), soft_wrap=True)
+        terminal.say(Text.assemble(number, marks[verdict.status], title))
         table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", verdict.ours)
         table.add_row("   paper", verdict.paper)
-        terminal.out.print(table, crop=False)
+        terminal.show(table)
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.out.print(Text("\n") + Text(", ").join(counted))

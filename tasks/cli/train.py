@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import require, several
 from tasks.cli.table import Table
-from tasks.errors import TrainingError, UsageError
+from tasks.errors import TrainingError
 
 if TYPE_CHECKING:
     from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
-_Runs = Annotated[
-    Positional[tuple[Path, ...]],
-    arg(metavar="RUNS", help="folders of finished trainings", help_behavior_hint="(required)"),
-]
+_Runs = Annotated[Positional[tuple[Path, ...]], several("RUNS", "folders of finished trainings")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +87,7 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
     from tasks.events.overwriting import check_new
     from tasks.learned.training.card import card as describe
 
-    if not runs:
-        raise UsageError("card: found no folder, expected at least one finished training")
+    require(runs, "finished training")
     if out is not None:
         check_new(out, overwrite)
     text = describe(runs)
@@ -101,9 +98,8 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
 
 
 def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:
-    if not 0 <= options.seed < 2**64:  # those of PyTorch
+    if not 0 <= options.seed < 2**64:  # PyTorch's
         raise TrainingError(f"seed: found {options.seed}, expected 0 to 2^64 - 1")
-    from tasks.cli.progress_bar import progress_bar
     from tasks.provenance import environment
 
     if options.sensor is not None:
@@ -113,12 +109,10 @@ def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOpt
     try:
         from tasks.learned.training.start import start
     except ImportError as error:
-        raise TrainingError(
-            f"train: PyTorch cannot be imported ({error}); install the extra `learned`, in a "
-            "checkout with: pip install '.[learned]'"
-        ) from None
+        missing = f"train: PyTorch cannot be imported ({error})"
+        raise TrainingError(f"{missing}; in a checkout: pip install '.[learned]'") from None
 
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         problem, scores = start(
             settings,
             options.light,
@@ -129,6 +123,6 @@ def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOpt
             on_progress=on_progress,
         )
     table = Table("held-out crops", *("network", *problem.baselines), title=problem.score, box=None)
-    for name, found in scores.items():
-        table.add_row(name, *(f"{value:.2f}" for value in found))
-    terminal.out.print(table, crop=False)
+    for name, values in scores.items():
+        table.add_row(name, *(f"{value:.2f}" for value in values))
+    terminal.show(table)

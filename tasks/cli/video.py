@@ -41,7 +41,6 @@ def video(
     overwrite
         Replace the images of an earlier call.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
     from tasks.recording.calibration import read_calibration
     from tasks.recording.recording import open_recording
@@ -49,7 +48,7 @@ def video(
 
     recording = open_recording(source, format=format, reading=reading)
     lens = None if calibration is None else read_calibration(calibration, recording.size)
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         count = write_video(
             recording,
             out,
@@ -60,4 +59,4 @@ def video(
             on_progress=on_progress,
         )
     width, height = recording.size
-    terminal.out.print(f"{out}: {count} images of {width}x{height} px", soft_wrap=True)
+    terminal.say(f"{out}: {count} images of {width}x{height} px")

@@ -53,7 +53,6 @@ def view(
     overwrite
         Replace an existing file.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.view.view import view as write_view
 
     if rerun == (out is not None):
@@ -63,7 +62,7 @@ def view(
         )
     if not sources:
         raise UsageError("found no sources, expected files of events or folders of rendered clips")
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         write_view(
             sources,
             out,
@@ -77,4 +76,4 @@ def view(
         )
     if out is not None:
         size_bytes = out.stat().st_size
-        terminal.out.print(f"{out}: {size_bytes / 1e6:.2f} MB", soft_wrap=True)
+        terminal.say(f"{out}: {size_bytes / 1e6:.2f} MB")
