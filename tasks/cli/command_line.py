@@ -85,15 +85,16 @@ def run() -> None:
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
     try:
         if sys.argv[1:] == ["--version"]:
-            terminal.out.print(_version(), soft_wrap=True, highlight=False)
+            from tasks.provenance import code
+
+            terminal.say(f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}")
             return
         app = commands(_COMMANDS, overview=overview)
         for group, inner in _GROUPS.items():
             named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])
-            app.command(
-                commands(inner, overview=overview or named), name=_name(group), help=group.__doc__
-            )
-        code = app.cli(
+            nested = commands(inner, overview=overview or named)
+            app.command(nested, name=_name(group), help=group.__doc__)
+        status = app.cli(
             prog="eres",
             config=(DisallowNone, FlagCreatePairsOff),
             description="Which event-camera resolution serves a task best, at what bandwidth? "
@@ -111,13 +112,7 @@ def run() -> None:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}")
     except MemoryError as error:
         _fail(f"out of memory: {error}; choose a lower resolution")
-    sys.exit(code or 0)
-
-
-def _version() -> str:
-    from tasks.provenance import code
-
-    return f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}"
+    sys.exit(status or 0)
 
 
 def _fail(text: str, code: int = 1) -> None:

@@ -133,9 +133,8 @@ def dataset(
             warm_up_s=warm_up,
         )
     except TaskError as error:
-        name, colon, found = str(error).partition(":")
-        raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{found}") from error
+        name, colon, rest = str(error).partition(":")
+        raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{rest}") from error
     with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
-    made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"
-    terminal.say(f"{out}: {made}")
+    terminal.say(f"{out}: {len(folders)} sequence{'s' * (len(folders) != 1)}")

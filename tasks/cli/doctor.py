@@ -38,8 +38,8 @@ def diagnose(console: Console) -> int:
     facts.add_row("cores", str(cores()))
     facts.add_row('sensor, device="cuda"', _sensor_on_a_gpu())
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
-    for name, found in versions().items():
-        facts.add_row(name, found)
+    for name, number in versions().items():
+        facts.add_row(name, number)
     for name in ("eres_render", "sensor", "tasks"):
         spec = importlib.util.find_spec(name)
         facts.add_row(f"import {name}", str(spec.origin if spec else "missing"))

@@ -40,36 +40,26 @@ def info(
     if not path.exists():
         raise SequenceError(f"{path}: no such file or folder")
     if (format, reading) != (None, AS_STORED):
-        raise SequenceError(f"{path}: found options for files of events, expected a file")
+        raise SequenceError(f"{path}: is a folder; the given options are for files of events")
     sequence = open_sequence(path)
-    manifest = sequence.manifest
+    manifest, camera = sequence.manifest, sequence.camera
     start_s, end_s = sequence.window_s
     length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
     part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
-    clock = {}
-    if sequence.t_offset_us:
-        clock["clock"] = (
-            f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
-        )
-    lens = {}
-    if (distortion := sequence.camera.distortion) is not None:
-        camera = sequence.camera
-        lens["camera"] = (
-            f"fx {camera.fx:.6g}, fy {camera.fy:.6g}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px"
-        )
-        terms = dataclasses.asdict(distortion).items()
-        lens["lens"] = ", ".join(f"{name} {value:.6g}" for name, value in terms)
-    moving = {"moving objects": ", ".join(manifest.objects)} if manifest.objects else {}
+    clock = f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
+    pinhole = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    terms = {} if camera.distortion is None else dataclasses.asdict(camera.distortion)
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": sequence.scene_source,
         "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
-        **lens,
+        "camera": f"{_terms(pinhole)} px" if terms else "",
+        "lens": _terms(terms),
         "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
-        **clock,
+        "clock": clock if sequence.t_offset_us else "",
         "window": f"{start_s:.4f} to {end_s:.4f} s",
         "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
-        **moving,
+        "moving objects": ", ".join(manifest.objects),
         "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",
         "samples per pixel": str(manifest.spp),
         "motion per frame": f"at most {manifest.max_displacement_px:g} px",
@@ -78,8 +68,14 @@ def info(
     _print_pairs(pairs)
 
 
+def _terms(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.6g}" for name, value in values.items())
+
+
 def _print_pairs(pairs: dict[str, str]) -> None:
+    """Print the pairs that have a value."""
     table = Table(box=None, show_header=False)
     for name, value in pairs.items():
-        table.add_row(name, value)
+        if value:
+            table.add_row(name, value)
     terminal.show(table)

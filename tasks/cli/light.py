@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import ScenePath, SequenceFolder
 from tasks.cli.table import Table
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 
@@ -29,12 +30,11 @@ def bake(
     from eres_render.rendering.backend import select_variant
     from eres_render.rendering.lightmaps import bake_scene
 
-    found = load_scene(scene)
+    loaded = load_scene(scene)
     select_variant()
     with terminal.progress() as on_progress:
-        files = bake_scene(found, on_progress=on_progress)
-    for file in files:
-        terminal.say(str(file))
+        files = bake_scene(loaded, on_progress=on_progress)
+    terminal.say(*map(str, files))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,24 +70,20 @@ class View:
 
         sides = "resolution", "width", "height"
         given = [f"--{side}" for side in sides if getattr(self, side) is not None]
+        given += ["--camera"] if self.camera is not None else []
+        if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
+            raise RenderError(
+                f"size of the frames: found {' and '.join(given)}, expected --resolution, or "
+                "--width and --height, or --camera"
+            )
         if self.camera is not None:
-            if given:
-                raise RenderError(
-                    f"size of the frames: found --camera and {' and '.join(given)}, expected one "
-                    "of them; the file has the size"
-                )
             from eres_render.calibration import read_camera
 
             return read_camera(self.camera, self.camera_name)
         if self.camera_name is not None:
-            raise RenderError(f"--camera-name: found {self.camera_name!r}, expected --camera")
-        if self.width is None and self.height is None:
+            raise RenderError(f"--camera-name {self.camera_name} needs --camera")
+        if self.width is None or self.height is None:
             return scene.camera(1280 if self.resolution is None else self.resolution)
-        if self.width is None or self.height is None or self.resolution is not None:
-            raise RenderError(
-                f"size of the frames: found {' and '.join(given)}, expected --resolution for "
-                "square frames, or --width and --height"
-            )
         return scene.camera(self.width, self.height)
 
 
@@ -95,9 +91,7 @@ OF_THE_SCENE = View()
 
 
 def render(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
+    scene: ScenePath,
     out: Path,
     spp: int = 16,
     max_displacement: float = 0.5,
@@ -148,12 +142,12 @@ def render(
     """
     from eres_render import load_scene, render_scene
 
-    found = load_scene(scene, trajectory)
+    loaded = load_scene(scene, trajectory)
     with terminal.progress() as on_progress:
         sequences = render_scene(
-            found,
+            loaded,
             out,
-            camera=view.camera_of(found),
+            camera=view.camera_of(loaded),
             spp=spp,
             seed=seed,
             integrator=integrator,
@@ -168,14 +162,7 @@ def render(
         terminal.say(f"{sequence.folder}: {len(sequence)} frames")
 
 
-def stereo(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
-    out: Path,
-    baseline: float,
-    trajectory: Path | None = None,
-) -> None:
+def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None = None) -> None:
     """Write the path of a second camera on the same rig.
 
     The second camera is to the right of the scene's. Give the path to `eres render --trajectory` to
@@ -209,9 +196,7 @@ def stereo(
 
 
 def truth(
-    sequence: Annotated[
-        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
-    ],
+    sequence: SequenceFolder,
     out: Path,
     width: int = 346,
     height: int | None = None,
@@ -260,9 +245,7 @@ def truth(
 
 
 def images(
-    sequence: Annotated[
-        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
-    ],
+    sequence: SequenceFolder,
     out: Path,
     rate: float = 30.0,
     speed: float = 1.0,
@@ -304,12 +287,7 @@ def images(
 
 
 def convergence(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
-    resolution: int = 1280,
-    duration: float = 0.01,
-    trajectory: Path | None = None,
+    scene: ScenePath, resolution: int = 1280, duration: float = 0.01, trajectory: Path | None = None
 ) -> None:
     """Show how many samples and frames are enough for a scene.
 
@@ -340,8 +318,7 @@ def convergence(
             on_progress=on_progress,
         )
         for outcome in outcomes:
-            finest = outcome.events if finest is None else finest
-            setting = outcome.setting
+            setting, finest = outcome.setting, finest or outcome.events
             table.add_row(
                 f"{setting.spp} spp",
                 f"{setting.max_displacement_px:g} px",

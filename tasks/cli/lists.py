@@ -85,10 +85,10 @@ def sensors(
         _show(find_camera(camera))
         return
     table = Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s", box=None)
-    for found in map(find_camera, camera_names()):
-        table.add_row(*_facts(found))
+    for each in map(find_camera, camera_names()):
+        table.add_row(*_facts(each))
     terminal.show(table)
-    terminal.out.print(_LEGEND, highlight=False)
+    terminal.say(_LEGEND)
 
 
 def _facts(camera: EventCamera) -> Iterator[str]:
@@ -99,9 +99,8 @@ def _facts(camera: EventCamera) -> Iterator[str]:
     yield "-" if camera.fill_factor is None else f"{100 * camera.fill_factor:g} %"
     if camera.states("threshold"):
         on, off = camera.contrast_threshold, camera.contrast_threshold_off
-        rise, fall = (
-            f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -(on if off is None else off))
-        )
+        off = on if off is None else off
+        rise, fall = (f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -off))
         smallest = camera.sources["threshold"].kind == "smallest"
         yield (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
     else:
@@ -120,21 +119,20 @@ def _show(camera: EventCamera) -> None:
 
     year = str(camera.year) if camera.year else ""
     about = camera.title or camera.name, year, camera.interface
-    terminal.out.print(", ".join(filter(None, about)), highlight=False)
+    terminal.say(", ".join(filter(None, about)))
     table = Table("field", "value", "unit", "95 % interval", "kind", "source", box=None)
     for name, key in KEYS.items():
         if key.part == "name":
             continue
-        found, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
-        interval = (source and source.interval) or ()
-        value, unit, ends = in_unit(key, found, interval)
+        stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
+        value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
         text = "-" if value is None else f"{value:.4g}" if key.kind == "number" else str(value)
         table.add_row(
             name,
             text.lower() if key.kind == "flag" else text,
             "" if unit == "1" else unit,
             " to ".join(f"{end:.4g}" for end in ends),
-            source.kind if source else "" if found is None else "default",
+            source.kind if source else "" if stored is None else "default",
             source.text if source else "",
         )
     terminal.show(table)

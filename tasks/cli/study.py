@@ -78,7 +78,7 @@ class Changes:
         asked = replace(asked, render=rendering)
         sensing: dict[str, Any] = {}
         if self.sensors:
-            cameras = tuple(read_camera_of(one, "--sensors", Path()) for one in self.sensors)
+            cameras = tuple(read_camera_of(name, "--sensors", Path()) for name in self.sensors)
             sensing |= {"sensors": cameras, "widths": ()}
         if self.lux:
             sensing |= {"illuminance_lux": self.lux, "cutoffs_hz": Simulate().cutoffs_hz}
@@ -145,10 +145,7 @@ def study(
     from tasks.study.study_file import read_study
 
     if file is not None and preset is not None:
-        raise StudyError(
-            f"found both {file} and --preset {preset}, expected one of them: leave out --preset "
-            f"for the study of the file, or the file for preset {preset}"
-        )
+        raise StudyError(f"give either {file} or --preset {preset}, and leave out the other")
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
     asked = changes.applied_to(chosen)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
@@ -187,11 +184,11 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
 
     joined = read_run(run, *others)
     _show_claims(joined)
-    files = [one / "environment.json" for one in others]
+    files = [folder / "environment.json" for folder in others]
     environments = [read_json(dict[str, str], file, ResultError) for file in files]
     if differing := differing_software([joined.environment, *environments]):
         listed = "; ".join(f"{name} {values}" for name, values in differing.items())
-        terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
+        terminal.say(f"The runs differ in more than weights: {listed}")
 
 
 def _show_scores(run: FinishedRun) -> None:
@@ -200,31 +197,28 @@ def _show_scores(run: FinishedRun) -> None:
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.words import join_words, photoreceptor_label, share_text
 
-    for line in run.assumes:
-        terminal.say(line)
+    terminal.say(*run.assumes)
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
     if any(len(scores.speeds(series)) > 1 for series in scores.series()):
-        terminal.out.print("other speeds are in the report and in tables.csv", highlight=False)
+        terminal.say("other speeds are in the report and in tables.csv")
     if scores.dropped:
-        lost = [f"{one.label} {share_text(share)}" for one, share in sorted(scores.dropped.items())]
+        shares = sorted(scores.dropped.items())
+        lost = [f"{sensor.label} {share_text(share)}" for sensor, share in shares]
         terminal.say(f"largest share of a window's events that the bus lost: {', '.join(lost)}")
-    for line in run.exponents:
-        terminal.say(line)
+    terminal.say(*run.exponents)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
-        terminal.out.print(
-            f"contrast threshold {scores.contrast_threshold:g}; those of {named} are in the report "
-            "and in tables.csv",
-            highlight=False,
+        terminal.say(
+            f"contrast threshold {scores.contrast_threshold:g}; the scores at {named} are in the "
+            "report and in tables.csv"
         )
     if run.others:
         words = [photoreceptor_label(name) for name in run.others]
-        terminal.out.print(
+        terminal.say(
             f"photoreceptor: {photoreceptor_label(scores.photoreceptor)}; what changes with "
-            f"{join_words(words)} is in the report",
-            highlight=False,
+            f"{join_words(words)} is in the report"
         )
 
 
@@ -241,7 +235,7 @@ def _show_claims(run: FinishedRun) -> None:
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     if not run.verdicts:
-        terminal.out.print("none of the paper's claims is about these sensors, lights and methods")
+        terminal.say("none of the paper's claims is about these sensors, lights and methods")
         return
     for verdict in run.verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
@@ -253,13 +247,12 @@ def _show_claims(run: FinishedRun) -> None:
         terminal.show(table)
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
-    terminal.out.print(Text("\n") + Text(", ").join(counted))
-    terminal.out.print(BRACKETS, highlight=False)
-    if note := threshold_note(run.found):
+    terminal.say(Text("\n") + Text(", ").join(counted))
+    for note in filter(None, (BRACKETS, threshold_note(run.found))):
         terminal.out.print(note, highlight=False)
     judged = run.verdicts_by_photoreceptor
     for name in run.others:
         changed = changed_verdicts({"": run.verdicts, name: judged[name]})
-        named = [Text.assemble(f"{there.number} ", marks[there.status]) for _, there in changed]
-        said = Text(", ").join(named) if named else Text("no verdict changes")
-        terminal.out.print(Text(f"With {photoreceptor_label(name)}: ") + said)
+        named = [Text.assemble(f"{new.number} ", marks[new.status]) for _, new in changed]
+        changes = Text(", ").join(named) if named else Text("no verdict changes")
+        terminal.say(Text(f"With {photoreceptor_label(name)}: ") + changes)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional
 
 from tasks.cli import terminal
+from tasks.cli.app import require, several
 from tasks.errors import UsageError
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.view.look import ALL_OF_IT, Look
@@ -16,11 +17,7 @@ from tasks.view.look import ALL_OF_IT, Look
 def view(
     sources: Annotated[
         Positional[tuple[Path, ...]],
-        arg(
-            metavar="SOURCE...",
-            help="files of events, and folders of rendered clips",
-            help_behavior_hint="(required)",
-        ),
+        several("SOURCE...", "files of events, and folders of rendered clips"),
     ],
     out: Path | None = None,
     rerun: bool = False,
@@ -55,13 +52,9 @@ def view(
     """
     from tasks.view.view import view as write_view
 
+    require(sources, "source")
     if rerun == (out is not None):
-        found = "both" if rerun else "neither"
-        raise UsageError(
-            f"out, rerun: found {found}, expected one of them, such as --out events.mp4"
-        )
-    if not sources:
-        raise UsageError("found no sources, expected files of events or folders of rendered clips")
+        raise UsageError("give either --out FILE, such as events.mp4, or --rerun")
     with terminal.progress() as on_progress:
         write_view(
             sources,
@@ -75,5 +68,4 @@ def view(
             on_progress=on_progress,
         )
     if out is not None:
-        size_bytes = out.stat().st_size
-        terminal.say(f"{out}: {size_bytes / 1e6:.2f} MB")
+        terminal.say(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
