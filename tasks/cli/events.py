@@ -66,15 +66,15 @@ def simulate(
     frames = open_source_frames(path, footage)
     simulate_frames: Callable[..., tuple[int, ReadoutReport | None]]
     if isinstance(frames, Footage):
-        if truth is not None:
-            raise TaskError(f"{path}: found footage, whose truth is unknown; leave out --truth")
-        if imu.imu is not None:
-            raise TaskError(f"{path}: found footage, whose path is unknown; leave out --imu")
+        for name, value in (("truth", truth), ("imu", imu.imu)):
+            if value is not None:
+                raise TaskError(f"{path}: --{name} needs a rendered clip, found footage")
         simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
+        usual_width = frames.width
     else:
         simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth, imu=imu)
-    usual = frames.width if isinstance(frames, Footage) else None
-    chosen = camera.camera(frames.width, frames.height, usual_width=usual)
+        usual_width = None
+    chosen = camera.camera(frames.width, frames.height, usual_width=usual_width)
     model = chosen.model(**camera.light, white=frames.white_level)
     warn_of_fill_factor(frames, model)
     assumes = chosen.assumptions(**camera.light)

@@ -1061,4 +1061,4 @@ def test_options_of_footage_are_refused_with_a_sequence(tmp_path, eres):
     folder = write_folder(tmp_path / "in", pictures(2), ".png")
     code, _, said = eres("simulate", folder, "--fps", 9, "--truth", 0.1, "--out", out)
     assert code == 1
-    assert "whose truth is unknown; leave out --truth" in said
+    assert "--truth needs a rendered clip" in said
