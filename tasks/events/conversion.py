@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -60,7 +59,7 @@ def convert(
     """
     source, out = Path(source), Path(out)
     if shift_us and from_start:
-        raise TaskError("found shift_us and from_start, expected at most one of them")
+        raise TaskError("give either --shift-us or --from-start")
     if abs(shift_us) >= SHIFT_LIMIT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format, topic=reading.topic)
@@ -68,18 +67,13 @@ def convert(
     to = find_format(out, format, new=True)
     parts = reading.parts(source, input_format)
     if from_start:
-        first = next((part for part in parts if len(part)), None)
-        shift_us = 0 if first is None else -int(first.t_us[0])
-        parts = (
-            reading.parts(source, input_format)
-            if first is None
-            else itertools.chain([first], parts)
-        )
+        shift_us = -next((int(part.t_us[0]) for part in parts if len(part)), 0)
+        parts = reading.parts(source, input_format)
     left_out, add = list(header.others), None
-    kept = [name for name in COPIED if name in left_out]
-    if kept and to.name == find_format(source, input_format).name == "dsec":
-        left_out = [name for name in left_out if name not in kept]
-        add = groups_to_copy(source, kept, shift_us)
+    copied = [name for name in COPIED if name in left_out]
+    if copied and to.name == find_format(source, input_format).name == "dsec":
+        left_out = [name for name in left_out if name not in copied]
+        add = groups_to_copy(source, copied, shift_us)
     count = write_events(
         out,
         (part.later(shift_us) for part in parts) if shift_us else parts,

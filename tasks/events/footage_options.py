@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,17 +61,9 @@ def open_source_frames(path: Path, footage: FootageOptions) -> RadianceSequence 
     from tasks.footage import open_footage
 
     if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
-        return open_footage(
-            path,
-            fps=footage.fps,
-            time_unit=footage.time_unit,
-            encoding=footage.encoding,
-            layer=footage.layer,
-            repair=footage.repair,
-        )
+        options = asdict(footage)
+        del options["interpolate"]
+        return open_footage(path, **options)
     if footage != NO_FOOTAGE:
-        raise TaskError(
-            f"{path}: found a rendered sequence, expected fps, time-unit, encoding, interpolate, "
-            "layer and repair only with a video or a folder of images"
-        )
+        raise TaskError(f"{path}: is a rendered sequence; the footage options do not apply to it")
     return open_sequence(path)

@@ -70,26 +70,24 @@ def simulate_footage(
     """
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
-    steps = _steps(interpolate)
-    _, columns = seen_part(footage, footage.path, model)  # said before the frames are measured
+    _check(interpolate)
+    _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         *(footage.path, len(footage), footage.width, footage.height),
         *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
     )
-    if steps is None:
-        sensor_px = model.width / (columns.stop - columns.start)
-        motion_px = sensor_px * displacements_px(footage, on_progress)
-        if interpolate is None:
-            _warn_if_far(motion_px)
-        else:
-            footage = interpolated(footage, steps_for(motion_px))
-    else:
-        footage = interpolated(footage, [steps] * (len(footage) - 1))
-    if interpolate is not None:
-        _log.info("%d frames after interpolation", len(footage))
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
-    if interpolate is not None:
+    sensor_px = model.width / (columns.stop - columns.start)
+    if interpolate is None:
+        _warn_if_far(sensor_px * displacements_px(footage, on_progress))
+    else:
+        if interpolate == "auto":
+            steps = steps_for(sensor_px * displacements_px(footage, on_progress))
+        else:
+            steps = [int(interpolate)] * (len(footage) - 1)
+        footage = interpolated(footage, steps)
+        _log.info("%d frames after interpolation", len(footage))
         origin["interpolate"] = interpolate
     done = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
     if footage.mender is not None:
@@ -97,16 +95,15 @@ def simulate_footage(
     return done
 
 
-def _steps(interpolate: str | None) -> int | None:
-    """Return the number of intervals, None if it is not given."""
-    if interpolate is None or interpolate == "auto":
-        return None
+def _check(interpolate: str | None) -> None:
+    """Refuse a number of intervals that is neither a number nor "auto"."""
+    if interpolate in (None, "auto"):
+        return
     if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MAX_STEPS:
         raise TaskError(
-            f"interpolate: found {interpolate!r}, expected auto, or 1 to {_MAX_STEPS}; auto "
-            "leaves half a pixel of motion from frame to frame, and less changes nothing"
+            f"interpolate: found {interpolate!r}, expected 1 to {_MAX_STEPS}, or auto, which "
+            "limits motion to half a pixel a frame"
         )
-    return int(interpolate)
 
 
 def _warn_if_far(motion_px: NDArray[np.float64]) -> None:

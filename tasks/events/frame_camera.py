@@ -82,20 +82,16 @@ def write_images(
     options.check()
     check_positive("speed", speed, TaskError, "a positive factor")
     if not 0 < rate_hz * options.exposure <= 1:
-        raise TaskError(
-            f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s, expected a rate "
-            "above 0 and exposures that do not overlap"
-        )
+        asked = f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s"
+        raise TaskError(f"{asked}, expected a rate above 0 and exposures that do not overlap")
     if seed < 0:
         raise TaskError(f"seed: found {seed}, expected 0 or more")
     _check_folder(out)
     t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:
-        raise TaskError(
-            f"exposure: found {options.exposure:g} s, expected less than the sequence's length, "
-            f"{t_s[-1] - t_s[0]:g} s at speed {speed:g}"
-        )
+        length = f"{t_s[-1] - t_s[0]:g} s, the length of the sequence at speed {speed:g}"
+        raise TaskError(f"exposure: found {options.exposure:g} s, expected at most {length}")
     starts_s = t_s[0] + np.arange(math.floor(room_s * rate_hz + 1e-9) + 1) / rate_hz
     rng = np.random.default_rng(seed)
     for k, start_s in enumerate(starts_s.tolist()):

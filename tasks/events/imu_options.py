@@ -46,15 +46,14 @@ class ImuOptions:
         TaskError
             The text names the option.
         """
-        if self.imu is not None and not 0 < self.imu <= 1e6:
-            raise TaskError(f"imu: found {self.imu:g} Hz, expected above 0 and at most 1e6")
-        for name, value in asdict(self).items():
-            if name == "imu":
-                continue
+        values = asdict(self)
+        if (rate_hz := values.pop("imu")) is not None and not 0 < rate_hz <= 1e6:
+            raise TaskError(f"imu: found {rate_hz:g} Hz, expected above 0 and at most 1e6")
+        for name, value in values.items():
             if not 0 <= value < math.inf:
                 raise TaskError(f"{name}: found {value}, expected a number of at least 0")
-            if self.imu is None and value != getattr(NO_IMU, name):
-                raise TaskError(f"{name}: found {value}, expected it only with an IMU, --imu HZ")
+            if rate_hz is None and value != getattr(NO_IMU, name):
+                raise TaskError(f"{name}: {value} needs an IMU, --imu HZ")
 
 
 NO_IMU = ImuOptions()

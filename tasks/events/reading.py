@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,14 +51,7 @@ class ReadOptions:
         """
         from sensor.formats import read_events
 
-        return read_events(
-            path,
-            format=format,
-            size=self.size,
-            time_unit=self.time_unit,
-            sort=self.sort,
-            topic=self.topic,
-        )
+        return read_events(path, format=format, **asdict(self))
 
 
 AS_STORED = ReadOptions()
