@@ -112,9 +112,7 @@ class _Answers(NamedTuple):
 
 def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        raise TaskError(
-            f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
-        )
+        raise TaskError(f"steps: found {len(rises_us)} times, expected {_MIN_STEPS}+, increasing")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)
@@ -123,16 +121,16 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
     if len(lit) and not lit.any():
         raise TaskError(
-            "steps: found no pixel that fires after a step and falls silent before the next, "
-            "expected larger steps of the light, farther apart, or other times"
+            "steps: no pixel fires after a step and falls silent before the next; the steps of the "
+            "light are too small, too close, or at other times"
         )
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
     if len(since_us) < _MIN_EVENTS * max(trials, 1):
+        mean = f"{len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step"
         raise TaskError(
-            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step, "
-            f"expected at least {_MIN_EVENTS:g}: a larger step of the light, or other times"
+            f"steps: found {mean}, expected at least {_MIN_EVENTS:g}; larger steps help"
         )
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
@@ -165,8 +163,8 @@ def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) ->
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
     if len(inside) < _MIN_STEPS:
         raise TaskError(
-            f"steps: found {len(inside)} of {len(rises_us)} whose answers are in the recording, "
-            f"from {first_us} to {last_us} us, expected at least {_MIN_STEPS}"
+            f"steps: the recording, {first_us} to {last_us} us, has the answers to {len(inside)} "
+            f"of {len(rises_us)} steps, expected at least {_MIN_STEPS}"
         )
     return inside
 
@@ -175,46 +173,40 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     """Return the number of poles, their cutoff and the latency."""
     since_us, tile = answers.since_us, answers.tile
     edges_us = np.unique(np.quantile(since_us, np.linspace(0, _TAIL, 4 * _POINTS)).round())
+    t_s = edges_us * 1e-6
     tiles = int(tile.max()) + 1
     bins = np.searchsorted(edges_us, since_us, side="right")
     counted = np.zeros((tiles, len(edges_us) + 1))
     np.add.at(counted, (tile[answers.place], bins), 1.0)
     pixels = np.bincount(tile, minlength=tiles).astype(np.float64)
-    curve = _Curve(edges_us * 1e-6)
 
     def mean_events(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        until: NDArray[np.float64] = np.cumsum(weights @ counted)[: len(edges_us)]
-        return until / (weights @ pixels * answers.steps)
+        return np.cumsum(weights @ counted)[: len(t_s)] / (weights @ pixels * answers.steps)
 
     whole = mean_events(np.ones(tiles))
     if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
+        times = f"{points} different times of events after a step"
         raise TaskError(
-            f"steps: found {points} different times at which the events after a step come, "
-            f"expected at least {_MIN_POINTS}: finer times, or a light that rises more slowly"
+            f"steps: found {times}, expected at least {_MIN_POINTS}: record finer times"
         )
-    fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
-    order = min(fits, key=lambda one: fits[one].cost)
+    fits = {order: _fit(t_s, whole, order, _FROM, _ABSORBED) for order in (1, 2)}
+    order = min(fits, key=lambda order: fits[order].cost)
     absorbed = None if order == 2 else _ABSORBED
-    best = curve.fit(whole, order, _FROM, absorbed)
-    others = [curve.fit(whole, order, _FROM + 0.5, absorbed)]
+    best = _fit(t_s, whole, order, _FROM, absorbed)
+    others = [_fit(t_s, whole, order, _FROM + 0.5, absorbed)]
     if order == 1:
-        others += [curve.fit(whole, order, _FROM, B) for B in _ABSORBED_RANGE]
+        others += [_fit(t_s, whole, order, _FROM, B) for B in _ABSORBED_RANGE]
     rng = np.random.default_rng(0)
     draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
-    curves = [mean_events(weights) for weights in draws]
     # Tiles with little light may be drawn alone.
-    curves = [one for one in curves if np.sum(one >= _FROM) >= _MIN_POINTS]
+    curves = [curve for curve in map(mean_events, draws) if np.sum(curve >= _FROM) >= _MIN_POINTS]
     if len(curves) < _DRAWS / 2:
-        raise TaskError("steps: found too few pixels with several ON events after a step")
-    drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])
-    low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+        raise TaskError("steps: too few pixels have several ON events after a step")
+    drawn = [_fit(t_s, curve, order, _FROM, absorbed, best)[:2] for curve in curves]
+    low, high = np.percentile(np.array(drawn), (2.5, 97.5), axis=0).tolist()
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
-    cutoff, latency = (
-        Estimate(
-            max(0.0, best[k]), max(0.0, float(low[k]) - wide[k]), max(0.0, float(high[k]) + wide[k])
-        )
-        for k in range(2)
-    )
+    ends = ((best[k], low[k] - wide[k], high[k] + wide[k]) for k in range(2))
+    cutoff, latency = (Estimate(*(max(0.0, end) for end in each)) for each in ends)
     return order, cutoff, latency
 
 
@@ -224,8 +216,7 @@ def _sees_the_lamp(
     """Return whether each event's pixel, (N,), sees the lamp: it has fallen silent half-way."""
     size = int(pixel.max(initial=0)) + 1
     early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
-    lit: NDArray[np.bool_] = (early >= steps) & (late <= _LATE * early)
-    return lit[pixel]
+    return ((early >= steps) & (late <= _LATE * early))[pixel]
 
 
 class _Fit(NamedTuple):
@@ -234,50 +225,40 @@ class _Fit(NamedTuple):
     cost: float
 
 
-class _Curve:
-    """Least-squares fit of the response of the poles to the mean number of events."""
+def _fit(
+    t_s: NDArray[np.float64],
+    events: NDArray[np.float64],
+    order: int,
+    least: float,
+    absorbed: float | None,
+    start: _Fit | None = None,
+) -> _Fit:
+    """Fit the response of the poles to the mean number of events from `least` on.
 
-    def __init__(self, t_s: NDArray[np.float64]) -> None:
-        self._t_s = t_s
+    A, and B unless it is given as `absorbed`, follow from a and the latency by linear regression.
+    """
+    used = np.flatnonzero(events >= least)
+    used = used[np.unique(np.linspace(0, len(used) - 1, _POINTS).astype(int))]
+    t_s, n = t_s[used], events[used]
 
-    def fit(
-        self,
-        events: NDArray[np.float64],
-        order: int,
-        least: float,
-        absorbed: float | None,
-        start: _Fit | None = None,
-    ) -> _Fit:
-        """Fit to the part of the curve from `least` events on.
+    def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
+        g = _step_response(a * (t_s - latency), order)
+        dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
+        return dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
 
-        A, and B unless it is given as `absorbed`, follow from a and the latency by linear
-        regression.
-        """
-        kept = np.flatnonzero(events >= least)
-        kept = kept[np.unique(np.linspace(0, len(kept) - 1, _POINTS).astype(int))]
-        t_s, n = self._t_s[kept], events[kept]
-
-        def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-            a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
-            g = _step_response(a * (t_s - latency), order)
-            dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
-            rest: NDArray[np.float64] = dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
-            return rest
-
+    if start is None:
         half_s = float(np.interp(0.5 * (n[0] + n[-1]), n, t_s))
-        first = math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9))
-        guess = [first, 0.0]
-        if start is not None:
-            a = 2 * math.pi * start.cutoff_hz
-            guess = [math.log(a), max(0.0, a * start.latency_s)]
-        found = optimize.least_squares(
-            left, guess, x_scale=[0.1, 0.1], bounds=([-np.inf, 0.0], [np.inf, np.inf])
-        )
-        a = math.exp(found.x[0])
-        return _Fit(a / (2 * math.pi), float(found.x[1]) / a, float(found.cost))
+        guess = [math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9)), 0.0]
+    else:
+        a = 2 * math.pi * start.cutoff_hz
+        guess = [math.log(a), max(0.0, a * start.latency_s)]
+    bounds = [-np.inf, 0.0], [np.inf, np.inf]
+    result = optimize.least_squares(left, guess, x_scale=[0.1, 0.1], bounds=bounds)
+    a = math.exp(result.x[0])
+    return _Fit(a / (2 * math.pi), float(result.x[1]) / a, float(result.cost))
 
 
 def _step_response(y: NDArray[np.float64], order: int) -> NDArray[np.float64]:
     y = np.maximum(y, 0.0)
-    rest: NDArray[np.float64] = (1 + y if order == 2 else 1.0) * np.exp(-y)
-    return 1 - rest
+    return 1 - (1 + y if order == 2 else 1.0) * np.exp(-y)
