@@ -112,7 +112,9 @@ class _Answers(NamedTuple):
 
 def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        raise TaskError(f"steps: found {len(rises_us)} times, expected {_MIN_STEPS}+, increasing")
+        raise TaskError(
+            f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
+        )
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)

@@ -97,27 +97,22 @@ def evaluate_recording(
     if frames is None:
         check_needs(task, recording.path, "a recording without --frames", has - {"frames"})
     if "frames" in spec.needs and flow != USUAL_FLOW:
-        raise TaskError(
-            f"{recording.path}: found options of windows or patches for {spec.title}, "
-            "expected them only for flow"
-        )
+        raise TaskError(f"{recording.path}: {spec.title} has no options of windows and patches")
     names = _methods(recording, task, methods, frames, weights)
     settings = settings_of(task, names, weights)
     notes: list[str] = []
     if frames is not None:
         frames = on_one_clock(recording, frames, shift_us, notes)
-    elif not any(one.continuous_s for one in settings.plan()):
-        before = any(one.windows_before for one in settings.plan())
+    elif not any(plan.continuous_s for plan in settings.plan()):
+        before = any(plan.windows_before for plan in settings.plan())
         flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
     used = any("threshold" in spec.method(name).needs for name in names)
-    seen = frames if used else None
-    thresholds = _thresholds(recording, seen, contrast_threshold, task, notes)
+    to_fit = frames if used else None
+    thresholds = _thresholds(recording, to_fit, contrast_threshold, task, notes)
     windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
     rows = [row for source in windows for row in score_stored(task, source, settings)]
     if not rows:
-        raise TaskError(
-            f"{recording.path}: found nothing to follow in any window, expected corners"
-        )
+        raise TaskError(f"{recording.path}: no window has corners to follow")
     rows.sort(key=lambda row: row.t_us)
     return RecordingEvaluation(rows, [*notes, *_failures(rows)])
 
@@ -127,19 +122,18 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     notes = []
     for name in dict.fromkeys(row.method for row in rows):
         mine = [row for row in rows if row.method == name]
-        failures = [one.failure for one in mine if one.failure]
-        reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
+        failures = [re.sub(r"\d+(\.\d+)?", "n", row.failure) for row in mine if row.failure]
         if len(failures) > len(mine) / 2:
-            reason = reasons.most_common(1)[0][0]
-            said = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
+            reason = Counter(failures).most_common(1)[0][0]
             alone = mine[0].metric == CONTRAST_GAIN
-            if reason == AT_BOUND:
-                shorter = " or a shorter --window-ms" if alone else ""
-                said += f"; a larger --search-px{shorter} helps"
-            elif reason == UNDETERMINED:
-                longer = "a longer --window-ms" if alone else "frames farther apart"
-                said += f"; more motion helps: {longer}"
-            notes.append(said)
+            shorter = " or a shorter --window-ms" if alone else ""
+            longer = "a longer --window-ms" if alone else "frames farther apart"
+            advice = {
+                AT_BOUND: f"; a larger --search-px{shorter} helps",
+                UNDETERMINED: f"; more motion helps: {longer}",
+            }
+            count = f"{len(failures)} of {len(mine)} answers failed"
+            notes.append(f"{name}: {count}, mostly with {reason!r}{advice.get(reason, '')}")
     return notes
 
 
@@ -156,24 +150,17 @@ def _methods(
         check_method(task, name, weights, [recording.size])
     for name in given:
         if frames is None and "light" in spec.method(name).needs:
-            raise TaskError(
-                f"{recording.path}: method {name!r} needs the image at the start of each window, "
-                "expected --frames"
-            )
+            raise TaskError(f"{recording.path}: method {name!r} needs images; give --frames")
     if given:
         return tuple(given)
     if all(spec.method(name).role == "baseline" for name in names):
         raise TaskError(
-            f"{recording.path}: {spec.title} needs a network, expected --method "
-            "our_flow_all_light, --weights eraft=FILE or --method package.module:function; "
-            "--task flow needs none"
+            f"{recording.path}: {spec.title} needs a network: give --method our_flow_all_light, "
+            "--weights eraft=FILE or --method package.module:function, or use --task flow"
         )
-    specs = {name: spec.method(name) for name in names}
-    return tuple(
-        name
-        for name, method in specs.items()
-        if method.on_recordings and (frames is not None or "light" not in method.needs)
-    )
+    usable = [name for name in names if spec.method(name).on_recordings]
+    lit = frames is not None
+    return tuple(name for name in usable if lit or "light" not in spec.method(name).needs)
 
 
 def _thresholds(
@@ -190,8 +177,8 @@ def _thresholds(
     needs = {"a threshold", "a change"} & {*TASKS[task].needs}
     if stored is not None and needs:
         on, off = stored
-        said = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
-        notes.append(f"{said}, from the file")
+        values = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
+        notes.append(f"{values}, from the file")
         return stored
     if frames is None or not needs:
         return stored or ANY_THRESHOLDS
@@ -203,12 +190,12 @@ def _thresholds(
         )
         return worth
     try:
-        found = fit_recording(recording, frames)
+        fitted = fit_recording(recording, frames)
     except TaskError as error:
         raise TaskError(f"{error}; or give --threshold") from None
+    rest = f"{100 * fitted.unexplained:.0f} % of its change stays unexplained"
     notes.append(
-        f"thresholds: ON {found.on}, OFF {found.off} at a dark level of {found.dark:g} of white, "
-        f"fitted to the light at {found.events} events; {100 * found.unexplained:.0f} % of its "
-        "change stays unexplained"
+        f"thresholds: ON {fitted.on}, OFF {fitted.off} at a dark level of {fitted.dark:g} of "
+        f"white, fitted to the light at {fitted.events} events; {rest}"
     )
-    return found.values
+    return fitted.values

@@ -58,10 +58,10 @@ def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np
     -------
     (N, 2) positions, px.
     """
-    found = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
-    if found is None:
+    corners = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
+    if corners is None:
         return np.empty((0, 2))
-    return found.reshape(-1, 2).astype(np.float64) + 0.5
+    return corners.reshape(-1, 2).astype(np.float64) + 0.5
 
 
 def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) -> Tracks:
@@ -85,12 +85,12 @@ def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) 
     if not len(start_px):
         return _NONE
     places = (start_px - 0.5).astype(np.float32).reshape(-1, 1, 2)
-    there, found = _follow(first, second, places)
-    back, returned = _follow(second, first, there)
+    moved, is_tracked = _follow(first, second, places)
+    back, is_back = _follow(second, first, moved)
     missed = np.linalg.norm((back - places).reshape(-1, 2), axis=1)
-    kept = np.flatnonzero(found & returned & (missed <= RETURN_PX))[:count]
-    flow_px = (there - places).reshape(-1, 2).astype(np.float64)
-    return Tracks(start_px[kept], flow_px[kept])
+    good = np.flatnonzero(is_tracked & is_back & (missed <= RETURN_PX))[:count]
+    flow_px = (moved - places).reshape(-1, 2).astype(np.float64)
+    return Tracks(start_px[good], flow_px[good])
 
 
 def _follow(

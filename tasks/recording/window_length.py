@@ -90,10 +90,10 @@ def _motion(events: Events, begin_us: int, longest_us: int, start: Start, least_
         window = Window(begin_us, begin_us + length_us)
         during = events.between(window.start_us, window.end_us)
         corners_px = event_corners(during)[:_CORNERS]
-        samples = [start.sample(during, window, one) for one in corners_px]
-        found = [determined(estimate, sample) for sample in samples]
-        moved_px = [float(np.linalg.norm(one.flow)) for one in found if not one.failure]
-        if 2 * len(moved_px) > len(found) and (median_px := np.median(moved_px)) >= least_px:
+        samples = [start.sample(during, window, corner_px) for corner_px in corners_px]
+        answers = [determined(estimate, sample) for sample in samples]
+        moved_px = [float(np.linalg.norm(flow.flow)) for flow in answers if not flow.failure]
+        if 2 * len(moved_px) > len(answers) and (median_px := np.median(moved_px)) >= least_px:
             return float(median_px) / length_us
         if length_us == longest_us:
             return 0.0
