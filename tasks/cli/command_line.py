@@ -16,42 +16,27 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
-from tasks.cli import (
-    dataset,
-    evaluate,
-    events,
-    fit,
-    info,
-    light,
-    lists,
-    rig,
-    study,
-    terminal,
-    train,
-    video,
-    view,
-)
+from tasks.cli import rig, terminal, train
 from tasks.cli.app import commands
+from tasks.cli.dataset import dataset
+from tasks.cli.evaluate import evaluate
+from tasks.cli.events import convert, simulate
+from tasks.cli.fit import fit
+from tasks.cli.info import info
+from tasks.cli.light import bake, convergence, images, render, stereo, truth
+from tasks.cli.lists import doctor, methods, scenes, sensors
+from tasks.cli.study import claims, report, study
+from tasks.cli.video import video
+from tasks.cli.view import view
 from tasks.errors import TaskError, UsageError
 
-_COMMANDS = (
-    *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
-    *(light.bake, light.render, light.stereo, light.truth, light.images, light.convergence),
-    *(events.simulate, events.convert),
-    fit.fit,
-    dataset.dataset,
-    view.view,
-    video.video,
-    evaluate.evaluate,
-    *(study.study, study.report, study.claims),
-    info.info,
-)
-_RIG_COMMANDS = (
-    *(rig.page, rig.render, rig.intrinsics),
-    *(rig.detect, rig.solve, rig.crop, rig.evaluate),
-)
-_TRAIN_COMMANDS = (train.reconstruction, train.flow, train.card)
-_GROUPS = {rig: _RIG_COMMANDS, train: _TRAIN_COMMANDS}
+_OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
+_OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
+_COMMANDS = *_OF_SCENES, *_OF_EVENTS
+_GROUPS = {
+    rig: (rig.page, rig.render, rig.intrinsics, rig.detect, rig.solve, rig.crop, rig.evaluate),
+    train: (train.reconstruction, train.flow, train.card),
+}
 
 
 def command_names() -> list[str]:

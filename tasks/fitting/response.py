@@ -14,6 +14,9 @@ from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, tiles_of, units
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 _MIN_STEPS = 2
 _MIN_EVENTS = 3.0  # mean number of events of a pixel after a step
 _LATE = 0.25  # of the early events of a pixel that sees the lamp, at most
@@ -53,7 +56,7 @@ class Response(NamedTuple):
     steps: int
 
 
-def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
+def fit_response(events: Events, rises_us: Int64) -> Response:
     """Estimate cutoff and latency from the ON events after steps of the light.
 
     Only pixels that see the lamp are used: those with at least one ON event per step on average in
@@ -103,14 +106,14 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
 class _Answers(NamedTuple):
     """ON events of the pixels that see the lamp."""
 
-    since_us: NDArray[np.int64]  # (N,) time since the step
-    step: NDArray[np.int64]  # (N,) number of the step
-    place: NDArray[np.int64]  # (N,) number of the pixel
-    tile: NDArray[np.int64]  # (P,) number of the tile of each pixel, or of the pixel
+    since_us: Int64  # (N,) time since the step
+    step: Int64  # (N,) number of the step
+    place: Int64  # (N,) number of the pixel
+    tile: Int64  # (P,) number of the tile of each pixel, or of the pixel
     steps: int
 
 
-def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
+def _answers(events: Events, rises_us: Int64) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
         raise TaskError(
             f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
@@ -139,15 +142,15 @@ def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
 
 
 def _after_steps(
-    events: Events, rises_us: NDArray[np.int64], window_us: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    events: Events, rises_us: Int64, window_us: int
+) -> tuple[Int64, Int64, NDArray[np.bool_]]:
     """Return the step before each event, the time since then, and whether it is an answer."""
     step = np.searchsorted(rises_us, events.t_us, side="right") - 1
     since_us = events.t_us - rises_us[np.maximum(step, 0)]
     return step, since_us, (step >= 0) & (since_us < window_us) & (events.p > 0)
 
 
-def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) -> NDArray[np.int64]:
+def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
     """Return the steps whose answers the recording has, and not only the first part of them."""
     if not len(events):
         return rises_us
@@ -182,7 +185,7 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     np.add.at(counted, (tile[answers.place], bins), 1.0)
     pixels = np.bincount(tile, minlength=tiles).astype(np.float64)
 
-    def mean_events(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean_events(weights: Float64) -> Float64:
         return np.cumsum(weights @ counted)[: len(t_s)] / (weights @ pixels * answers.steps)
 
     whole = mean_events(np.ones(tiles))
@@ -212,9 +215,7 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     return order, cutoff, latency
 
 
-def _sees_the_lamp(
-    pixel: NDArray[np.int64], is_early: NDArray[np.bool_], steps: int
-) -> NDArray[np.bool_]:
+def _sees_the_lamp(pixel: Int64, is_early: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
     """Return whether each event's pixel, (N,), sees the lamp: it has fallen silent half-way."""
     size = int(pixel.max(initial=0)) + 1
     early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
@@ -228,8 +229,8 @@ class _Fit(NamedTuple):
 
 
 def _fit(
-    t_s: NDArray[np.float64],
-    events: NDArray[np.float64],
+    t_s: Float64,
+    events: Float64,
     order: int,
     least: float,
     absorbed: float | None,
@@ -243,7 +244,7 @@ def _fit(
     used = used[np.unique(np.linspace(0, len(used) - 1, _POINTS).astype(int))]
     t_s, n = t_s[used], events[used]
 
-    def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def left(parameters: Float64) -> Float64:
         a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
         g = _step_response(a * (t_s - latency), order)
         dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
@@ -261,6 +262,6 @@ def _fit(
     return _Fit(a / (2 * math.pi), float(result.x[1]) / a, float(result.cost))
 
 
-def _step_response(y: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+def _step_response(y: Float64, order: int) -> Float64:
     y = np.maximum(y, 0.0)
     return 1 - (1 + y if order == 2 else 1.0) * np.exp(-y)
