@@ -97,18 +97,20 @@ def evaluate_recording(
     if frames is None:
         check_needs(task, recording.path, "a recording without --frames", has - {"frames"})
     if "frames" in spec.needs and flow != USUAL_FLOW:
-        raise TaskError(f"{recording.path}: {spec.title} has no options of windows and patches")
+        raise TaskError(
+            f"{recording.path}: {spec.title} has no windows or patches; leave out their options"
+        )
     names = _methods(recording, task, methods, frames, weights)
     settings = settings_of(task, names, weights)
     notes: list[str] = []
     if frames is not None:
         frames = on_one_clock(recording, frames, shift_us, notes)
-    elif not any(plan.continuous_s for plan in settings.plan()):
-        before = any(plan.windows_before for plan in settings.plan())
+    elif not any(each.continuous_s for each in settings.plan()):
+        before = any(each.windows_before for each in settings.plan())
         flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
     used = any("threshold" in spec.method(name).needs for name in names)
-    to_fit = frames if used else None
-    thresholds = _thresholds(recording, to_fit, contrast_threshold, task, notes)
+    fitted_to = frames if used else None
+    thresholds = _thresholds(recording, fitted_to, contrast_threshold, task, notes)
     windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
     rows = [row for source in windows for row in score_stored(task, source, settings)]
     if not rows:
@@ -122,18 +124,20 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     notes = []
     for name in dict.fromkeys(row.method for row in rows):
         mine = [row for row in rows if row.method == name]
-        failures = [re.sub(r"\d+(\.\d+)?", "n", row.failure) for row in mine if row.failure]
-        if len(failures) > len(mine) / 2:
-            reason = Counter(failures).most_common(1)[0][0]
-            alone = mine[0].metric == CONTRAST_GAIN
+        failures = [row.failure for row in mine if row.failure]
+        if len(failures) <= len(mine) / 2:
+            continue
+        reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
+        reason = reasons.most_common(1)[0][0]
+        note = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
+        alone = mine[0].metric == CONTRAST_GAIN
+        if reason == AT_BOUND:
             shorter = " or a shorter --window-ms" if alone else ""
+            note += f"; a larger --search-px{shorter} helps"
+        elif reason == UNDETERMINED:
             longer = "a longer --window-ms" if alone else "frames farther apart"
-            advice = {
-                AT_BOUND: f"; a larger --search-px{shorter} helps",
-                UNDETERMINED: f"; more motion helps: {longer}",
-            }
-            count = f"{len(failures)} of {len(mine)} answers failed"
-            notes.append(f"{name}: {count}, mostly with {reason!r}{advice.get(reason, '')}")
+            note += f"; more motion helps: {longer}"
+        notes.append(note)
     return notes
 
 
@@ -145,22 +149,23 @@ def _methods(
     weights: Mapping[str, str] | None,
 ) -> tuple[str, ...]:
     spec = TASKS[task]
-    names = tuple(given) or spec.usual(weights or ())
-    for name in names:
+    specs = {name: spec.method(name) for name in given or spec.usual(weights or ())}
+    for name in specs:
         check_method(task, name, weights, [recording.size])
-    for name in given:
-        if frames is None and "light" in spec.method(name).needs:
-            raise TaskError(f"{recording.path}: method {name!r} needs images; give --frames")
+    blind = {name for name in specs if frames is None and "light" in specs[name].needs}
+    if given and blind:
+        raise TaskError(
+            f"{recording.path}: method {min(blind)!r} needs the image at the start of each window; "
+            "give --frames"
+        )
+    if not given and all(method.role == "baseline" for method in specs.values()):
+        raise TaskError(
+            f"{recording.path}: {spec.title} needs a network; give --method our_flow_all_light, "
+            "--weights eraft=FILE or --method package.module:function, or choose --task flow"
+        )
     if given:
         return tuple(given)
-    if all(spec.method(name).role == "baseline" for name in names):
-        raise TaskError(
-            f"{recording.path}: {spec.title} needs a network: give --method our_flow_all_light, "
-            "--weights eraft=FILE or --method package.module:function, or use --task flow"
-        )
-    usable = [name for name in names if spec.method(name).on_recordings]
-    lit = frames is not None
-    return tuple(name for name in usable if lit or "light" not in spec.method(name).needs)
+    return tuple(name for name in specs if specs[name].on_recordings and name not in blind)
 
 
 def _thresholds(
@@ -177,7 +182,8 @@ def _thresholds(
     needs = {"a threshold", "a change"} & {*TASKS[task].needs}
     if stored is not None and needs:
         on, off = stored
-        values = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
+        equal = on == off
+        values = f"threshold: {on:g}" if equal else f"thresholds: ON {on:g}, OFF {off:g}"
         notes.append(f"{values}, from the file")
         return stored
     if frames is None or not needs:
@@ -190,12 +196,12 @@ def _thresholds(
         )
         return worth
     try:
-        fitted = fit_recording(recording, frames)
+        fit = fit_recording(recording, frames)
     except TaskError as error:
         raise TaskError(f"{error}; or give --threshold") from None
-    rest = f"{100 * fitted.unexplained:.0f} % of its change stays unexplained"
     notes.append(
-        f"thresholds: ON {fitted.on}, OFF {fitted.off} at a dark level of {fitted.dark:g} of "
-        f"white, fitted to the light at {fitted.events} events; {rest}"
+        f"thresholds: ON {fit.on}, OFF {fit.off} at a dark level of {fit.dark:g} of white, "
+        f"fitted to the light at {fit.events} events; {100 * fit.unexplained:.0f} % of its "
+        "change stays unexplained"
     )
-    return fitted.values
+    return fit.values

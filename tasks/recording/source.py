@@ -108,14 +108,14 @@ class RecordingWindow(Source):
 
     def images(self, task: Video) -> Images:
         frames, start_us, end_us = self._frames, self.window.start_us, self.window.end_us
-        within = [k for k, t_us in enumerate(frames.middle_us) if start_us < t_us <= end_us]
-        if not within:
-            raise TaskError(f"{self.recording.path}: found no frame within the time of the events")
-        times_us = frames.middle_us[within]
+        inside = [k for k, t_us in enumerate(frames.middle_us) if start_us < t_us <= end_us]
+        if not inside:
+            raise TaskError(f"{self.recording.path}: no frame is within the time of the events")
+        times_us = frames.middle_us[inside]
         return Images(
             numbers={int(t_us): i for i, t_us in enumerate(times_us)},
-            step_us=float(np.median(np.diff(times_us))) if len(within) > 1 else None,
-            truth=lambda i, name: picture(frames.log_light(within[i]), self.size[::-1], name),
+            step_us=float(np.median(np.diff(times_us))) if len(inside) > 1 else None,
+            truth=lambda i, name: picture(frames.log_light(inside[i]), self.size[::-1], name),
         )
 
     def log_white(self) -> float:
@@ -165,20 +165,20 @@ def sources(
     part_of = partial(
         RecordingWindow, recording=recording, frames=frames, thresholds=thresholds, options=options
     )
-    if any(plan.continuous_s for plan in settings.plan()):
+    if any(each.continuous_s for each in settings.plan()):
         whole = Window(recording.start_us, recording.end_us)
         yield part_of(window=whole, stream=recording.counted(task, on_progress))
         return
-    with_before = any(plan.windows_before for plan in settings.plan())
+    with_before = any(each.windows_before for each in settings.plan())
     if frames is not None and "frames" in TASKS[task].needs:
-        starts, ends = frames.start_us.tolist(), frames.end_us.tolist()
-        windows = [(Window(starts[k], ends[k + 1]), k) for k in inside(recording, frames)]
+        ends = frames.start_us.tolist(), frames.end_us.tolist()
+        windows = [(Window(ends[0][k], ends[1][k + 1]), k) for k in inside(recording, frames)]
     else:
         windows = windows_of(recording, frames, options, with_before=with_before)
-    starts_us = [window.before_us if with_before else window.start_us for window, _ in windows]
+    starts_us = [w.before_us if with_before else w.start_us for w, _ in windows]
     starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending starts
-    cuts = zip(starts_us, (window.end_us for window, _ in windows), strict=True)
-    for i, events in enumerate(cut(recording.parts(), list(cuts))):
+    cuts = [(start_us, w.end_us) for start_us, (w, _) in zip(starts_us, windows, strict=True)]
+    for i, events in enumerate(cut(recording.parts(), cuts)):
         window, frame = windows[i]
         yield part_of(window=window, stream=[events], sample=i, frame=frame)
         on_progress(task, i + 1, len(windows))

@@ -456,7 +456,7 @@ def test_options_of_flow_are_refused_for_images(made, tmp_path, eres):
     args = "--task", "reconstruction", "--frames", frames, "--patch-px", 21
     code, _, err = eres("evaluate", made.events_file, *args)
     assert code == 1
-    assert "reconstruction has no options of windows" in err
+    assert f"{made.events_file}: reconstruction has no windows or patches" in err
 
 
 def wrong_size(made, folder):
@@ -592,7 +592,7 @@ def test_a_black_first_frame_of_floats_is_refused(made, tmp_path):
 
 
 def needs_an_image(made, folder):
-    return ["--method", "photometric_flow"], "needs images; give --frames"
+    return ["--method", "photometric_flow"], "needs the image at the start of each window"
 
 
 BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
@@ -624,7 +624,7 @@ def test_tasks_that_need_more_say_it(made, eres):
     for task, said in (
         ("tracking", "needs poses and a plane, which a recording does not have"),
         ("video", "needs frames, which a recording without --frames does not have"),
-        ("dense_flow", "needs a network: give --method our_flow_all_light, --weights"),
+        ("dense_flow", "needs a network; give --method our_flow_all_light, --weights"),
     ):
         code, _, err = eres("evaluate", made.events_file, "--task", task)
         assert (code, said in err) == (1, True)
