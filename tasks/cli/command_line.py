@@ -20,14 +20,11 @@ from tasks.cli import rig, terminal, train
 from tasks.cli.app import commands
 from tasks.cli.dataset import dataset
 from tasks.cli.evaluate import evaluate
-from tasks.cli.events import convert, simulate
+from tasks.cli.events import convert, info, simulate, video, view
 from tasks.cli.fit import fit
-from tasks.cli.info import info
 from tasks.cli.light import bake, convergence, images, render, stereo, truth
 from tasks.cli.lists import doctor, methods, scenes, sensors
 from tasks.cli.study import claims, report, study
-from tasks.cli.video import video
-from tasks.cli.view import view
 from tasks.errors import TaskError, UsageError
 
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence

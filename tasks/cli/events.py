@@ -1,20 +1,25 @@
-"""Commands for files of events: simulate, convert."""
+"""Commands for files of events: simulate, convert, describe, look at, turn into images."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import WeightsFiles, require, several
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
-from tasks.errors import TaskError
+from tasks.errors import TaskError, UsageError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, ReadOptions
+from tasks.recording.options import USUAL_VIDEO, VideoOptions
+from tasks.view.look import ALL_OF_IT, Look
 
 if TYPE_CHECKING:
     from sensor import ReadoutReport
@@ -138,3 +143,167 @@ def convert(
         overwrite=overwrite,
     )
     terminal.say(f"{out}: {count} events")
+
+
+def info(
+    path: Annotated[
+        Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
+    ],
+    format: str | None = None,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+) -> None:
+    """Describe a radiance sequence or a file of events.
+
+    Parameters
+    ----------
+    format
+        dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or package.module:Format,
+        instead of what the extension says.
+    """
+    if path.is_file():
+        from tasks.events.description import describe
+
+        terminal.show_pairs(describe(path, format=format, reading=reading))
+        return
+    from eres_render import SequenceError, open_sequence
+    from tasks.events.description import seconds
+
+    if not path.exists():
+        raise SequenceError(f"{path}: no such file or folder")
+    if (format, reading) != (None, AS_STORED):
+        raise SequenceError(f"{path}: is a folder; the given options are for files of events")
+    sequence = open_sequence(path)
+    manifest, camera = sequence.manifest, sequence.camera
+    start_s, end_s = sequence.window_s
+    length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
+    part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
+    clock = f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
+    pinhole = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    terms = {} if camera.distortion is None else dataclasses.asdict(camera.distortion)
+    pairs = {
+        "scene": f"{manifest.scene}, {part}",
+        "found at": sequence.scene_source,
+        "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
+        "camera": f"{_terms(pinhole)} px" if terms else "",
+        "lens": _terms(terms),
+        "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
+        "clock": clock if sequence.t_offset_us else "",
+        "window": f"{start_s:.4f} to {end_s:.4f} s",
+        "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
+        "moving objects": ", ".join(manifest.objects),
+        "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",
+        "samples per pixel": str(manifest.spp),
+        "motion per frame": f"at most {manifest.max_displacement_px:g} px",
+        "rendered by": f"Mitsuba {manifest.mitsuba}, {manifest.variant}, {manifest.integrator}",
+    }
+    terminal.show_pairs(pairs)
+
+
+def _terms(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.6g}" for name, value in values.items())
+
+
+def view(
+    sources: Annotated[
+        Positional[tuple[Path, ...]],
+        several("SOURCE...", "files of events, and folders of rendered clips"),
+    ],
+    out: Path | None = None,
+    rerun: bool = False,
+    over: Path | None = None,
+    show: Literal["frames", "depth", "flow"] = "frames",
+    format: str | None = None,
+    overwrite: bool = False,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+    look: OmitArgPrefixes[Look] = ALL_OF_IT,
+) -> None:
+    """Look at events and clips: video, picture, page or Rerun.
+
+    Several sources are shown side by side. The color of a pixel shows the sum of its polarities in
+    the window. The caption has the size and cutoff of the sensor, if the file has them, and the
+    rate.
+
+    Parameters
+    ----------
+    out
+        File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
+        without a network; .rrd, a recording for the Rerun viewer.
+    rerun
+        Open the Rerun viewer instead (in a checkout: pip install '.[viewer]').
+    over
+        Draw the events over the frames of this rendered clip.
+    show
+        What to draw of rendered clips: their frames, or their true depth or optical flow.
+    format
+        Format of the files of events, as for `eres info`, instead of what their extensions say.
+    overwrite
+        Replace an existing file.
+    """
+    from tasks.view.view import view as write_view
+
+    require(sources, "source")
+    if rerun == (out is not None):
+        raise UsageError("give either --out FILE, such as events.mp4, or --rerun")
+    with terminal.progress() as on_progress:
+        write_view(
+            sources,
+            out,
+            look,
+            over=over,
+            show=show,
+            reading=reading,
+            format=format,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    if out is not None:
+        terminal.say(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+
+
+def video(
+    source: Annotated[Positional[Path], arg(metavar="EVENTS", help="file of events")],
+    out: Path,
+    calibration: Path | None = None,
+    weights: WeightsFiles = (),
+    format: str | None = None,
+    overwrite: bool = False,
+    image: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+) -> None:
+    """Make images of a file of events, at regular times.
+
+    Writes PNG files, and timestamps.txt with their times. A high-pass filter needs seconds to fill
+    the image. Each image is stretched from its 1st percentile to its 99th.
+
+    Parameters
+    ----------
+    out
+        Folder of the images, new or with images of an earlier call.
+    calibration
+        File of the lens, fx fy cx cy k1 k2 p1 p2 k3; its distortion is removed from the images.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
+    format
+        Format of the file, as for `eres info`, instead of what its extension says.
+    overwrite
+        Replace the images of an earlier call.
+    """
+    from tasks.methods.networks import named_weights
+    from tasks.recording.calibration import read_calibration
+    from tasks.recording.recording import open_recording
+    from tasks.recording.video import write_video
+
+    recording = open_recording(source, format=format, reading=reading)
+    lens = None if calibration is None else read_calibration(calibration, recording.size)
+    with terminal.progress() as on_progress:
+        count = write_video(
+            recording,
+            out,
+            image,
+            calibration=lens,
+            weights=named_weights(weights, [image.method]),
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    width, height = recording.size
+    terminal.say(f"{out}: {count} images of {width}x{height} px")

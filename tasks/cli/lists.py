@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Column
+from rich.text import Text
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
@@ -29,9 +30,54 @@ def doctor() -> int:
 
     The exit code is 1 if no renderer works.
     """
-    from tasks.cli.doctor import diagnose
+    import importlib.util
+    import platform
+    import shutil
+    import sys
 
-    return diagnose(terminal.out)
+    from eres_render.cores import cores
+    from eres_render.rendering.backend import probe_variants
+    from eres_render.scene.load import scene_root
+    from eres_render.storage.cache import cache_dir
+    from tasks.provenance import versions
+
+    verdicts = probe_variants()
+    table = Table("Mitsuba variant", "works", "remark", box=None)
+    for verdict in verdicts:
+        mark = Text("yes", "green") if verdict.works else Text("no", "red")
+        remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
+        table.add_row(verdict.name, mark, remark)
+    terminal.show(table)
+    best = next((verdict.name for verdict in verdicts if verdict.works), None)
+    terminal.say(f"renders use: {best or 'nothing works'}\n")
+
+    cache = cache_dir()
+    free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
+    used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
+    specs = {name: importlib.util.find_spec(name) for name in ("eres_render", "sensor", "tasks")}
+    facts = {
+        "cores": str(cores()),
+        'sensor, device="cuda"': _sensor_on_a_gpu(),
+        "python": f"{platform.python_version()} at {sys.executable}",
+        **versions(),
+        **{f"import {n}": str(spec.origin if spec else "missing") for n, spec in specs.items()},
+        "scenes": str(scene_root()),
+        "cache": f"{cache}: {used / 1e9:.1f} GB used, {free / 1e9:.0f} GB free",
+    }
+    terminal.show_pairs(facts)
+    return 0 if best else 1
+
+
+def _sensor_on_a_gpu() -> str:
+    import numpy as np
+
+    from sensor import SensorError, SensorModel, simulate
+
+    try:
+        simulate(np.ones((1, 1, 1)), [0.0], SensorModel(width=1, height=1), device="cuda")
+    except SensorError as error:
+        return f"no: {str(error).partition('here: ')[2]}"
+    return "works"
 
 
 def scenes() -> None:

@@ -7,16 +7,16 @@ characters, of which names and files may be made, are printed as escapes.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
 import rich.console
 from rich.segment import Segment
-from rich.table import Table
 from rich.text import Text
 
 from eres_render.progress import Progress
+from tasks.cli.table import Table
 
 # All but line feeds and tabs: C0, C1, marks of direction, other ends of lines, lone surrogates.
 _CONTROL = re.compile(
@@ -62,6 +62,15 @@ def say(*lines: str | Text) -> None:
 def show(table: Table) -> None:
     """Print a table to stdout; lines may be longer than the screen."""
     out.print(table, crop=False)
+
+
+def show_pairs(pairs: Mapping[str, str]) -> None:
+    """Print the pairs that have a value as a table."""
+    table = Table(box=None, show_header=False)
+    for name, value in pairs.items():
+        if value:
+            table.add_row(name, value)
+    show(table)
 
 
 def progress() -> AbstractContextManager[Progress]:

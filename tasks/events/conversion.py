@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from sensor.formats import find_format, read_header, read_triggers, write_events
-from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
@@ -74,25 +72,21 @@ def convert(
     if copied and to.name == find_format(source, input_format).name == "dsec":
         left_out = [name for name in left_out if name not in copied]
         add = groups_to_copy(source, copied, shift_us)
+    window = {
+        name: value + shift_us
+        for name, value in header.origin.items()
+        if name in _WINDOW and isinstance(value, int)
+    }
     count = write_events(
         out,
         (part.later(shift_us) for part in parts) if shift_us else parts,
         format=format,
-        origin=_shifted_window(header.origin, shift_us),
-        t_offset_us=0 if from_start else _shifted_clock(header, shift_us),
+        origin={**header.origin, **window},
+        # A clock that starts at 0 has no start to shift.
+        t_offset_us=0 if from_start or not header.t_offset_us else header.t_offset_us + shift_us,
         triggers=read_triggers(source, format=input_format).later(shift_us),
         add=add,
         overwrite=overwrite,
     )
     warn_of_loss(out, to, left_out)
     return count
-
-
-def _shifted_window(origin: Mapping[str, Value], shift_us: int) -> dict[str, Value]:
-    window = {name: origin[name] for name in _WINDOW if isinstance(origin.get(name), int)}
-    return {**origin, **{name: int(value) + shift_us for name, value in window.items()}}
-
-
-def _shifted_clock(header: Header, shift_us: int) -> int:
-    """Return the start of the shifted clock; a clock that starts at 0 has no start to shift."""
-    return header.t_offset_us + shift_us if header.t_offset_us else 0

@@ -70,7 +70,11 @@ def simulate_footage(
     """
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
-    _check(interpolate)
+    if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
+        raise TaskError(
+            f"interpolate: found {interpolate!r}, expected 1 to {_MAX_STEPS}, or auto, which "
+            "limits motion to half a pixel a frame"
+        )
     _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
@@ -89,21 +93,10 @@ def simulate_footage(
         footage = interpolated(footage, steps)
         _log.info("%d frames after interpolation", len(footage))
         origin["interpolate"] = interpolate
-    done = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    result = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
     if footage.mender is not None:
         footage.mender.warn(footage.path)
-    return done
-
-
-def _check(interpolate: str | None) -> None:
-    """Refuse a number of intervals that is neither a number nor "auto"."""
-    if interpolate in (None, "auto"):
-        return
-    if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MAX_STEPS:
-        raise TaskError(
-            f"interpolate: found {interpolate!r}, expected 1 to {_MAX_STEPS}, or auto, which "
-            "limits motion to half a pixel a frame"
-        )
+    return result
 
 
 def _warn_if_far(motion_px: NDArray[np.float64]) -> None:

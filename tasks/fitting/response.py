@@ -246,7 +246,8 @@ def _fit(
 
     def left(parameters: Float64) -> Float64:
         a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
-        g = _step_response(a * (t_s - latency), order)
+        y = np.maximum(a * (t_s - latency), 0.0)
+        g = 1 - (1 + y if order == 2 else 1.0) * np.exp(-y)
         dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
         return dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
 
@@ -260,8 +261,3 @@ def _fit(
     result = optimize.least_squares(left, guess, x_scale=[0.1, 0.1], bounds=bounds)
     a = math.exp(result.x[0])
     return _Fit(a / (2 * math.pi), float(result.x[1]) / a, float(result.cost))
-
-
-def _step_response(y: Float64, order: int) -> Float64:
-    y = np.maximum(y, 0.0)
-    return 1 - (1 + y if order == 2 else 1.0) * np.exp(-y)

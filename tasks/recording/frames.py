@@ -188,13 +188,15 @@ def open_frames(
         files = [folder / exposure.file for exposure in exposures]
         times_us = [(exposure.start_us, exposure.end_us) for exposure in exposures]
         return _checked(source, files, times_us, encoding)
-    if source.name == "images.txt":
-        files, t_us = _read_list(source, time_unit)
+    with reading(source, "text", TaskError):
+        text = source.read_text(encoding="utf-8-sig", errors="replace")
+    is_list, exponent = source.name == "images.txt", TIME_UNITS.get(time_unit or "")
+    if exponent is None and (is_list or time_unit or not text.startswith("#")):
+        unit = "no unit" if time_unit is None else f"unit {time_unit!r}"
+        raise TaskError(f"{source}: found {unit}, expected --frames-time-unit s, ms, us or ns")
+    if is_list and exponent is not None:
+        files, t_us = _read_list(source, text, exponent)
     else:
-        with reading(source, "text", TaskError):
-            text = source.read_text(encoding="utf-8-sig", errors="replace")
-        if time_unit is None and not text.startswith("#"):
-            raise _unknown_unit(source, None)
         files = list_images(folder)
         t_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
         t_us = [round(t / 1000) for t in t_ns]
@@ -232,25 +234,17 @@ def _checked(
     return RecordedFrames(tuple(files), start_us, end_us, *coding)
 
 
-def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:
-    if time_unit is None or time_unit not in TIME_UNITS:
-        raise _unknown_unit(listed, time_unit)
+def _read_list(listed: Path, whole: str, exponent: int) -> tuple[list[Path], list[int]]:
+    """Return the files of an images.txt and their times stored in 10^exponent us."""
     files, t_us = [], []
-    with reading(listed, "text", TaskError):
-        lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    for k, line in enumerate(lines, start=1):
+    for k, line in enumerate(whole.splitlines(), start=1):
         text = line.partition("#")[0].strip()
         if not text:
             continue
         try:
             time, name = text.split(maxsplit=1)  # a name may have spaces
-            t_us.append(int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit])))))
+            t_us.append(int(np.int64(round(Decimal(time).scaleb(exponent)))))
         except (ArithmeticError, ValueError):
             raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
         files.append(listed.parent / name)
     return files, t_us
-
-
-def _unknown_unit(source: Path, time_unit: str | None) -> TaskError:
-    unit = "no unit" if time_unit is None else f"unit {time_unit!r}"
-    return TaskError(f"{source}: found {unit}, expected --frames-time-unit s, ms, us or ns")

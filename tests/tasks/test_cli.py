@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from another_process import environment
+from eres_render.rendering import backend
 from eres_render.rendering.backend import VariantVerdict
 from sensor import SensorError, SensorModel
 from tasks import provenance
@@ -185,8 +186,8 @@ def test_the_doctor_says_what_works(eres, monkeypatch, works):
         if not works:
             raise SensorError(f"device: found {device!r}, which does not work here: no GPU")
 
-    monkeypatch.setattr("tasks.cli.doctor.probe_variants", lambda: verdicts)
-    monkeypatch.setattr("tasks.cli.doctor.simulate", simulated)
+    monkeypatch.setattr(backend, "probe_variants", lambda: verdicts)
+    monkeypatch.setattr("sensor.simulate", simulated)
     code, out, _ = eres("doctor")
     lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
     assert code == (0 if works else 1)
