@@ -35,9 +35,7 @@ class _AtEachCutoff(CameraOptions):
         that of the sensor.
     """
 
-    cutoffs: Annotated[
-        tuple[float, ...] | None, arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint="")
-    ] = None
+    cutoffs: Annotated[tuple[float, ...] | None, arg(metavar="FLOAT [FLOAT ...]")] = None
     threshold_deviation: float = 0.03
 
     cutoff: Suppress[Fixed[float | None]] = None

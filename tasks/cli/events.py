@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -20,9 +19,6 @@ from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 from tasks.view.look import ALL_OF_IT, Look
-
-if TYPE_CHECKING:
-    from sensor import ReadoutReport
 
 
 def simulate(
@@ -69,7 +65,7 @@ def simulate(
     from tasks.footage import Footage
 
     frames = open_source_frames(path, footage)
-    simulate_frames: Callable[..., tuple[int, ReadoutReport | None]]
+    simulate_frames: Any
     if isinstance(frames, Footage):
         for name, value in (("truth", truth), ("imu", imu.imu)):
             if value is not None:

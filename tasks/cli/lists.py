@@ -143,14 +143,14 @@ def _facts(camera: EventCamera) -> Iterator[str]:
     yield "-" if camera.width is None else f"{camera.width}x{camera.height}"
     yield "-" if camera.pitch_um is None else f"{camera.pitch_um:g}"
     yield "-" if camera.fill_factor is None else f"{100 * camera.fill_factor:g} %"
+    threshold = "-"
     if camera.states("threshold"):
         on, off = camera.contrast_threshold, camera.contrast_threshold_off
         off = on if off is None else off
         rise, fall = (f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -off))
         smallest = camera.sources["threshold"].kind == "smallest"
-        yield (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
-    else:
-        yield "-"
+        threshold = (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
+    yield threshold
     ends = {f"{replace(camera, area_exponent=g).cutoff_at(1.0):.2g}" for g in (0.0, 1.0)}
     yield "-".join(sorted(ends, key=float)) + (" lent" if camera.borrows_cutoff else "")
     noise = {"leak": camera.leak_hz, "shot": camera.shot_noise_hz, "hot": camera.hot_pixel_fraction}

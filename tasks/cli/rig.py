@@ -266,14 +266,10 @@ def solve(
     write_calibration(out, solved, overwrite=overwrite)
     table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
     for result in solved:
-        table.add_row(
-            Path(result.recording).name,
-            f"{result.inliers} of {result.markers} in {result.images} images",
-            f"{result.rms_px:.3f} px",
-            f"{result.latency_ms:.3f} ms",
-            f"{result.pose.scale:.5f}",
-            f"{result.corner_bias_px:.3f} px",
-        )
+        markers = f"{result.inliers} of {result.markers} in {result.images} images"
+        delay, factor = f"{result.latency_ms:.3f} ms", f"{result.pose.scale:.5f}"
+        rms, bias = (f"{px:.3f} px" for px in (result.rms_px, result.corner_bias_px))
+        table.add_row(Path(result.recording).name, markers, rms, delay, factor, bias)
     terminal.show(table)
     for recording, result in zip(opened, solved, strict=True):
         if (truth := read_truth(recording)) is not None:

@@ -63,7 +63,7 @@ class Changes:
     lux: Annotated[tuple[float, ...], _AS_IN_STUDY, arg(metavar="FLOAT [FLOAT ...]")] = ()
     photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = ()
     distance_m: Annotated[float | None, _AS_IN_STUDY] = None
-    trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None
+    trajectory: Path | None = None
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = ()
 
     def applied_to(self, study: Study) -> Study:
@@ -73,9 +73,8 @@ class Changes:
         from tasks.study.settings import Simulate
 
         asked = with_scenes(study, self.scenes, self.trajectory)
-        given = {"samples": self.samples, "spp": self.spp}
-        rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
-        asked = replace(asked, render=rendering)
+        rendering: dict[str, Any] = {"samples": self.samples, "spp": self.spp}
+        rendering = {name: value for name, value in rendering.items() if value is not None}
         sensing: dict[str, Any] = {}
         if self.sensors:
             cameras = tuple(read_camera_of(name, "--sensors", Path()) for name in self.sensors)
@@ -86,7 +85,8 @@ class Changes:
             sensing["photoreceptors"] = self.photoreceptor
         if self.distance_m is not None:
             sensing["distance_m"] = self.distance_m
-        asked = replace(asked, simulate=replace(asked.simulate, **sensing))
+        render, simulate = replace(asked.render, **rendering), replace(asked.simulate, **sensing)
+        asked = replace(asked, render=render, simulate=simulate)
         if self.resolution is not None:
             asked = with_resolution(asked, self.resolution)
         for name in self.method:
@@ -101,16 +101,12 @@ def study(
     out: Path,
     file: Annotated[
         Positional[Path | None],
-        arg(
-            metavar="[STUDY.toml]",
-            help="your own study, in place of a preset",
-            help_behavior_hint="",
-        ),
+        arg(metavar="[STUDY.toml]", help="your own study, in place of a preset"),
     ] = None,
     preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
     weights: WeightsFiles = (),
-    mix: Annotated[bool, arg(help_behavior_hint="")] = False,
+    mix: bool = False,
     changes: OmitArgPrefixes[Changes] = AS_IT_IS,
 ) -> None:
     """Ask which resolution serves a task best.

@@ -39,11 +39,7 @@ class Console(rich.console.Console):
         """As `Console.render_str`, with room for the escapes."""
         return super().render_str(escaped(text), **options)
 
-    def render(
-        self,
-        renderable: rich.console.RenderableType,
-        options: rich.console.ConsoleOptions | None = None,
-    ) -> Iterable[Segment]:
+    def render(self, renderable: Any, options: Any = None) -> Iterable[Segment]:
         """As `Console.render`; segments with controls are Rich's own."""
         for part in super().render(renderable, options):
             yield part if part.control else part._replace(text=escaped(part.text))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
@@ -12,9 +12,6 @@ from tasks.cli import terminal
 from tasks.cli.app import require, several
 from tasks.cli.table import Table
 from tasks.errors import TrainingError
-
-if TYPE_CHECKING:
-    from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
 _Runs = Annotated[Positional[tuple[Path, ...]], several("RUNS", "folders of finished trainings")]
 
@@ -97,14 +94,13 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
         write_text(out, text, overwrite=overwrite)
 
 
-def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:
+def _train(settings: Any, options: TrainingOptions) -> None:
     if not 0 <= options.seed < 2**64:  # PyTorch's
         raise TrainingError(f"seed: found {options.seed}, expected 0 to 2^64 - 1")
     from tasks.provenance import environment
 
     if options.sensor is not None:
-        crops = replace(settings.crops, sensor=options.sensor)
-        settings = replace(settings, crops=crops)  # type: ignore[arg-type]
+        settings = replace(settings, crops=replace(settings.crops, sensor=options.sensor))
 
     try:
         from tasks.learned.training.start import start

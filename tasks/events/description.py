@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sensor.formats import Triggers, find_format, read_header, read_triggers
-from sensor.formats.header import Header, model_to_json
+from sensor.formats.header import model_to_json
 from sensor.model import MAX_SIDE_PX
 from tasks.events.reading import AS_STORED, ReadOptions
 
@@ -39,12 +38,8 @@ def describe(
         brighter += int(np.count_nonzero(part.p > 0))
     size_bytes = path.stat().st_size
     each = f", {size_bytes / count:.2f} an event" if count else ""
-    lines = {
-        "format": find_format(path, format).title,
-        "sensor": sensor,
-        "file": f"{size_bytes} bytes{each}",
-        "events": str(count),
-    }
+    lines = {"format": find_format(path, format).title, "sensor": sensor}
+    lines |= {"file": f"{size_bytes} bytes{each}", "events": str(count)}
     if header.t_offset_us:
         lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
     if first_us is not None:
@@ -52,7 +47,11 @@ def describe(
         lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
         lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
         lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
-    return lines | _edges(read_triggers(path, format=format)) | dict(_origin(header))
+    lines |= _edges(read_triggers(path, format=format))
+    if header.model is not None:
+        lines["sensor model"] = model_to_json(header.model)
+    lines |= {name.replace("_", " "): str(value) for name, value in header.origin.items()}
+    return lines | ({"also holds": ", ".join(header.others)} if header.others else {})
 
 
 def seconds(t_us: int) -> str:
@@ -74,12 +73,3 @@ def _edges(triggers: Triggers) -> dict[str, str]:
         span = f"{seconds(int(t_us[0]))} to {seconds(int(t_us[-1]))} s"
         channels.append(f"{len(t_us)} on channel {channel}, {span}")
     return {"triggers": "; ".join(channels)} if channels else {}
-
-
-def _origin(header: Header) -> Iterator[tuple[str, str]]:
-    if header.model is not None:
-        yield "sensor model", model_to_json(header.model)
-    for name, value in header.origin.items():
-        yield name.replace("_", " "), str(value)
-    if header.others:
-        yield "also holds", ", ".join(header.others)

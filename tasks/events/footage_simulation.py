@@ -6,7 +6,6 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
 from sensor import ReadoutReport, SensorModel
@@ -84,7 +83,14 @@ def simulate_footage(
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     sensor_px = model.width / (columns.stop - columns.start)
     if interpolate is None:
-        _warn_if_far(sensor_px * displacements_px(footage, on_progress))
+        far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))
+        if far_px > _FAR_PX:
+            least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
+            _log.warning(
+                "things move by %.2g px of the sensor from frame to frame; on the packaged scenes "
+                "that loses %.0f to %.0f %% of the events. --interpolate auto brings most back",
+                *(far_px, least, most),
+            )
     else:
         if interpolate == "auto":
             steps = steps_for(sensor_px * displacements_px(footage, on_progress))
@@ -97,15 +103,3 @@ def simulate_footage(
     if footage.mender is not None:
         footage.mender.warn(footage.path)
     return result
-
-
-def _warn_if_far(motion_px: NDArray[np.float64]) -> None:
-    far_px = float(np.median(motion_px))
-    if far_px <= _FAR_PX:
-        return
-    least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
-    _log.warning(
-        "things move by %.2g px of the sensor from frame to frame; on the packaged scenes that "
-        "loses %.0f to %.0f %% of the events. --interpolate auto brings most of them back",
-        *(far_px, least, most),
-    )

@@ -26,12 +26,7 @@ Float64 = NDArray[np.float64]
 _MAX_DRAWN = 1e18  # that NumPy draws; far above every full well
 
 FILE_NAME = "images.json"
-_IN_USE = {  # by the names of its files, what a folder holds
-    "[0-9]" * 6 + ".png": "images",
-    FILE_NAME: "images",
-    EXPOSURES: "images",
-    "manifest.json": "a sequence",
-}
+_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, EXPOSURES, "manifest.json"
 
 
 def write_images(
@@ -86,7 +81,10 @@ def write_images(
         raise TaskError(f"{asked}, expected a rate above 0 and exposures that do not overlap")
     if seed < 0:
         raise TaskError(f"seed: found {seed}, expected 0 or more")
-    _check_folder(out)
+    if out.exists() and not out.is_dir():
+        raise TaskError(f"{out}: found a file, expected a folder")
+    for file in (file for name in _IN_USE for file in out.glob(name)):
+        raise TaskError(f"{out}: contains {file.name} already; write elsewhere")
     t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:
@@ -115,15 +113,6 @@ def write_images(
     }
     write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")
     return len(starts_s)
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse a file, and a folder with something that the images would replace or resemble."""
-    if out.exists() and not out.is_dir():
-        raise TaskError(f"{out}: found a file, expected a folder")
-    for name, held in _IN_USE.items():
-        if any(out.glob(name)):
-            raise TaskError(f"{out}: contains {held} already; write elsewhere")
 
 
 def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64:

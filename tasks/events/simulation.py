@@ -251,9 +251,8 @@ def simulate_frames(
         "frames_height": frames.height,
         "speed": float(options.speed),
         "seed": options.seed,
+        **({"assumes": options.assumes} if options.assumes else {}),
     }
-    if options.assumes:
-        facts["assumes"] = options.assumes
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
 
     def central() -> Iterator[NDArray[np.float32]]:

@@ -20,6 +20,8 @@ from tasks.errors import TaskError
 
 AddTo = Callable[[Path], None]
 
+_COMPRESSED = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
+
 
 def truth_to_add(
     sequence: RadianceSequence, model: SensorModel, speed: float, step_s: float
@@ -63,7 +65,9 @@ def truth_to_add(
             for k, by_name in enumerate(storage.each(images)):
                 for name, image in by_name.items():
                     if name not in group:
-                        _add_images(group, name, len(times_s) - name.startswith("flow"), image)
+                        shape = len(times_s) - name.startswith("flow"), *image.shape
+                        chunks = 1, *image.shape
+                        group.create_dataset(name, shape, image.dtype, chunks=chunks, **_COMPRESSED)
                     group[name][k] = image
             if truth.objects:
                 poses = np.stack([object.pose(times_s) for object in truth.objects])
@@ -85,13 +89,6 @@ def _images(
         images["flow"] = flow.flow_px
         images |= {"flow_valid": flow.valid, "flow_occluded": flow.occluded}
     return images
-
-
-def _add_images(group: h5py.Group, name: str, count: int, like: np.ndarray) -> None:
-    """Add room for images of equal size, compressed one by one."""
-    how = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
-    shape = count, *like.shape
-    group.create_dataset(name, shape, like.dtype, chunks=(1, *like.shape), **how)
 
 
 COPIED = ("truth", "imu")

@@ -84,16 +84,14 @@ class Evidence:
         start_s, end_s = self.still_s or (0.0, 1.0)
         dark = 0.5 if self.dark_share is None else self.dark_share
         stretch = f"still: found {start_s:g} to {end_s:g} s"
+        is_stretch = 0 <= start_s < end_s and math.isfinite(1e6 * end_s)
+        is_something = self.still_s is not None or lights or steps
+        no_motion = steps or not lights
         mistakes = {
             "give either --frames or --crop": lights == 2,
-            "nothing to fit: give --still, --frames, --crop or --steps": (
-                self.still_s is None and not lights and not steps
-            ),
-            f"{stretch}, expected a start of at least 0 and a later, finite end": (
-                not (0 <= start_s < end_s and math.isfinite(1e6 * end_s))
-            ),
-            "--motion needs --frames or --crop, and no --steps": self.motion
-            and (steps or not lights),
+            "nothing to fit: give --still, --frames, --crop or --steps": not is_something,
+            f"{stretch}, expected a start of at least 0 and a later, finite end": not is_stretch,
+            "--motion needs --frames or --crop, and no --steps": self.motion and no_motion,
             "--check needs --frames or --crop": self.check != "none" and not lights,
             "--dark needs --frames or --crop": self.dark_share is not None and not lights,
             f"dark: found {dark:g}, expected a share of white in (0, 1)": not 0 < dark < 1,

@@ -123,7 +123,10 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
     step, since_us, mine = _after_steps(events, rises_us, window_us)
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
-    lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
+    # A pixel that sees the lamp has fallen silent half-way to the next step.
+    is_early, size = since_us < window_us / 2, int(pixel.max(initial=0)) + 1
+    early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
+    lit = ((early >= len(rises_us)) & (late <= _LATE * early))[pixel]
     if len(lit) and not lit.any():
         raise TaskError(
             "steps: no pixel fires after a step and falls silent before the next; the steps of the "
@@ -213,13 +216,6 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     ends = ((best[k], low[k] - wide[k], high[k] + wide[k]) for k in range(2))
     cutoff, latency = (Estimate(*(max(0.0, end) for end in each)) for each in ends)
     return order, cutoff, latency
-
-
-def _sees_the_lamp(pixel: Int64, is_early: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-    """Return whether each event's pixel, (N,), sees the lamp: it has fallen silent half-way."""
-    size = int(pixel.max(initial=0)) + 1
-    early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
-    return ((early >= steps) & (late <= _LATE * early))[pixel]
 
 
 class _Fit(NamedTuple):

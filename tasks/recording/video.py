@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -126,21 +127,26 @@ def write_video(
     TaskError
         An option is out of range, or the folder exists.
     """
-    out = Path(out).resolve()
-    check_method("video", options.method, weights, [recording.size])
-    if TASKS["video"].method(options.method).role == "diagnostic":
-        raise TaskError(f"method: {options.method!r} needs the true light; choose another")
-    known = "none", *EQUALIZATIONS
-    if (name := options.equalization) not in known:
-        raise TaskError(f"equalization: found {name!r}, expected one of {', '.join(known)}")
+    out, name = Path(out).resolve(), options.method
+    check_method("video", name, weights, [recording.size])
+    if TASKS["video"].method(name).role == "diagnostic":
+        raise TaskError(f"method: {name!r} needs the true light; choose another")
+    known, wanted = ("none", *EQUALIZATIONS), options.equalization
+    if wanted not in known:
+        raise TaskError(f"equalization: found {wanted!r}, expected one of {', '.join(known)}")
     clear_unfinished(out.parent, out.name)
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
+    start: Any = load_method("video", name, weights)
+    if contrast_threshold is None:
+        contrast_threshold = (stored_thresholds(recording) or ANY_THRESHOLDS).mean
+    more = network_options(name, times_us)
+    method, _ = ask("video", name, start, *recording.size, contrast_threshold, **more)
+    taker = ImageTaker(method, times_us)
     make_folder(out.parent)
     with unfinished(out, folder=True) as folder:
-        images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)
-        for k, log_image in enumerate(images):
-            shown = picture(log_image, log_image.shape, options.equalization)
+        for k, log_image in enumerate(_images(recording, name, taker, on_progress)):
+            shown = picture(log_image, log_image.shape, wanted)
             codes = np.round(255 * shown).astype(np.uint8)
             if calibration is not None:
                 codes = calibration.undistorted(codes)
@@ -172,30 +178,12 @@ def _check_folder(out: Path, overwrite: bool) -> None:
 
 
 def _images(
-    recording: Recording,
-    options: VideoOptions,
-    times_us: list[int],
-    contrast_threshold: float | None,
-    weights: Mapping[str, str] | None,
-    on_progress: Progress,
+    recording: Recording, name: str, taker: ImageTaker, on_progress: Progress
 ) -> Iterator[NDArray[np.floating]]:
-    width, height = recording.size
-    name = options.method
-    start: Any = load_method("video", name, weights)
-    if contrast_threshold is None:
-        contrast_threshold = (stored_thresholds(recording) or ANY_THRESHOLDS).mean
-    more = network_options(name, times_us)
-    method, _ = ask("video", name, start, width, height, contrast_threshold, **more)
-    taker, blank = ImageTaker(method, times_us), np.zeros((height, width))
-    for events in recording.counted("images", on_progress):
-        yield from _taken(name, taker.take, events, blank=blank)
-    yield from _taken(name, taker.rest, blank=blank)
-
-
-def _taken(
-    name: str, function: Any, *arguments: Any, blank: NDArray[np.float64]
-) -> Iterator[NDArray[np.floating]]:
-    for taken, _ in ask_each("video", name, function, *arguments):
+    blank = np.zeros(recording.size[::-1])
+    parts = ((taker.take, events) for events in recording.counted("images", on_progress))
+    calls: Iterable[tuple[Any, ...]] = chain(parts, [(taker.rest,)])
+    for taken, _ in chain.from_iterable(ask_each("video", name, *call) for call in calls):
         if taken is not None:
             t_us, answer = taken
             image, failure = image_answer("video", name, answer, blank)
