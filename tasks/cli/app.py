@@ -7,7 +7,7 @@ import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sized
 from dataclasses import is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -44,21 +44,34 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
 
     With `overview`, the help of each command is only its first line, for the list of all commands.
     """
-    app, width = SubcommandApp(), shutil.get_terminal_size().columns
+    app = SubcommandApp()
     for function in functions:
-        paragraphs = _prepare(function)[: 1 if overview else None]
-        wrapped = (textwrap.fill(text, width, break_on_hyphens=False) for text in paragraphs)
-        app.command(help="\n\n".join(wrapped))(function)
+        text = _prepare(function)
+        app.command(help=text.partition("\n")[0] if overview else wrapped(text))(function)
     return app
 
 
+class _Verbatim(str):
+    """A text whose line breaks stay: tyro joins the lines that `split` returns."""
+
+    def split(self, *_: Any) -> list[str]:
+        return [str(self)]
+
+
+def wrapped(text: str) -> str:
+    """Return paragraphs that are wrapped to the terminal, for the top of a help."""
+    width = shutil.get_terminal_size().columns
+    fill = partial(textwrap.fill, width=width, break_on_hyphens=False, break_long_words=False)
+    return _Verbatim("\n\n".join(map(fill, text.split("\n\n"))))
+
+
 @cache
-def _prepare(function: Callable[..., Any]) -> list[str]:
+def _prepare(function: Callable[..., Any]) -> str:
     """Change the docstring and annotations of a command to what tyro shows well.
 
     Returns
     -------
-    The paragraphs of its description.
+    Its description.
     """
     described = docstring_parser.parse(function.__doc__ or "")
     for argument in described.params:  # tyro would keep the source's line breaks
@@ -66,7 +79,7 @@ def _prepare(function: Callable[..., Any]) -> list[str]:
         argument.default = None  # parsed from "by default ..."; compose adds it to the name
     function.__doc__ = docstring_parser.compose(described)
     _hide_unset(function)
-    return (described.description or "").split("\n\n")
+    return described.description or ""
 
 
 @cache  # commands share options, and each change would add to the one before

@@ -17,7 +17,7 @@ from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
 from tasks.cli import rig, terminal, train
-from tasks.cli.app import commands
+from tasks.cli.app import commands, wrapped
 from tasks.cli.dataset import dataset
 from tasks.cli.evaluate import evaluate
 from tasks.cli.events import convert, info, simulate, video, view
@@ -27,6 +27,9 @@ from tasks.cli.lists import doctor, methods, scenes, sensors
 from tasks.cli.study import claims, report, study
 from tasks.errors import TaskError, UsageError
 
+_DESCRIPTION = """Which event-camera resolution serves a task best, at what bandwidth? Renders HDR
+radiance, turns it into events at any resolution, and scores what can be done with them.
+`eres --version` prints the version."""
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
 _OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
 _COMMANDS = *_OF_SCENES, *_OF_EVENTS
@@ -79,9 +82,7 @@ def run() -> None:
         status = app.cli(
             prog="eres",
             config=(DisallowNone, FlagCreatePairsOff),
-            description="Which event-camera resolution serves a task best, at what bandwidth? "
-            "Renders HDR radiance, turns it into events at any resolution, and scores what can "
-            "be done with them. `eres --version` prints the version.",
+            description=wrapped(_DESCRIPTION),
         )
     except UsageError as error:
         _fail(str(error), 2)

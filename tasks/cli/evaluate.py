@@ -54,15 +54,15 @@ def evaluate(
     Parameters
     ----------
     method
-        Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task that can run, except
-        diagnostics and networks without --weights.
+        Names (`eres methods` lists them), or your own functions as package.module:function. By
+        default all methods of the task that can run, except diagnostics and networks without
+        --weights.
     speed
         Factor on the speed of the rendered sequence.
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format
-        Format of a file of events, as for `eres info`, instead of what its extension says.
+        Format of a file of events, as for `eres info`.
     """
     from tasks.methods.networks import named_weights
     from tasks.recording.evaluate import evaluate_recording

@@ -39,10 +39,12 @@ def simulate(
     """Simulate a sensor on frames, and write its events.
 
     The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. A sensor
-    whose shape differs from theirs sees their center; without --sensor and --resolution it has the
-    size of footage. The first line printed is what the simulation assumes. The file includes the
-    events of a clip's warm-up and, if its format can hold them, the start and end of its window,
-    the sensor, the seed and that line.
+    of another aspect ratio sees their center. Without --sensor and --resolution, the sensor has the
+    size of the video or the images; a clip needs one of the options.
+
+    The first line printed states what the simulation assumes. The file includes the events of a
+    clip's warm-up. If its format can, it also stores the start and end of the window, the sensor,
+    the seed and that line.
 
     Parameters
     ----------
@@ -53,10 +55,10 @@ def simulate(
     seed
         Seed of everything random in the sensor.
     format
-        dsec, evt3, evt2, npz or text, instead of what the extension says.
+        Format of the file: dsec, evt3, evt2, npz or text. By default its extension decides.
     truth
-        Add true depth, flow and poses to a DSEC file, this many seconds of the sequence's time
-        apart.
+        Add true depth, flow and poses to a DSEC file, at this interval in the sequence's time,
+        seconds.
     overwrite
         Replace an existing file.
     """
@@ -108,17 +110,17 @@ def convert(
 ) -> None:
     """Write a file of events in another format.
 
-    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also
-    csv (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag); your own as
-    package.module:Format. A warning names what OUT cannot hold; ground truth and IMU are kept from
-    DSEC to DSEC.
+    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). Only to read: csv
+    (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag). Your own:
+    package.module:Format. A warning names what OUT cannot hold. Ground truth and IMU data are
+    copied from DSEC to DSEC.
 
     Parameters
     ----------
     format
-        Format of OUT, instead of what its extension says; .raw is EVT3 by default.
+        Format of OUT. By default its extension decides, and .raw is EVT3.
     input_format
-        Format of IN, instead of what its extension or header says.
+        Format of IN. By default its extension or header decides.
     shift_us
         Add this to all times, microseconds.
     from_start
@@ -153,8 +155,8 @@ def info(
     Parameters
     ----------
     format
-        dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or package.module:Format,
-        instead of what the extension says.
+        Format of the file: dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or
+        package.module:Format. By default its extension or header decides.
     """
     if path.is_file():
         from tasks.events.description import describe
@@ -216,8 +218,8 @@ def view(
     """Look at events and clips: video, picture, page or Rerun.
 
     Several sources are shown side by side. The color of a pixel shows the sum of its polarities in
-    the window. The caption has the size and cutoff of the sensor, if the file has them, and the
-    rate.
+    the window. The caption states the event rate and, if the file stores them, the size and cutoff
+    of the sensor.
 
     Parameters
     ----------
@@ -225,13 +227,13 @@ def view(
         File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
         without a network; .rrd, a recording for the Rerun viewer.
     rerun
-        Open the Rerun viewer instead (in a checkout: pip install '.[viewer]').
+        Open the Rerun viewer instead of writing a file (in a checkout: pip install '.[viewer]').
     over
         Draw the events over the frames of this rendered clip.
     show
         What to draw of rendered clips: their frames, or their true depth or optical flow.
     format
-        Format of the files of events, as for `eres info`, instead of what their extensions say.
+        Format of the files of events, as for `eres info`.
     overwrite
         Replace an existing file.
     """
@@ -268,8 +270,8 @@ def video(
 ) -> None:
     """Make images of a file of events, at regular times.
 
-    Writes PNG files, and timestamps.txt with their times. A high-pass filter needs seconds to fill
-    the image. Each image is stretched from its 1st percentile to its 99th.
+    Writes PNG files, and timestamps.txt with their times. The high-pass filter needs seconds of
+    events to fill the image. Each image is stretched from its 1st percentile to its 99th.
 
     Parameters
     ----------
@@ -280,7 +282,7 @@ def video(
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format
-        Format of the file, as for `eres info`, instead of what its extension says.
+        Format of the file, as for `eres info`.
     overwrite
         Replace the images of an earlier call.
     """

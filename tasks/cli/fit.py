@@ -40,19 +40,19 @@ def fit(
 
     Writes a camera for `eres simulate --sensor`. Noise and hot pixels come from a stretch in which
     nothing moves; contrast thresholds and dark level from frames on the clock of the events; cutoff
-    and latency from steps of the light at known times, or from the motion between the frames. Each
-    number has a 95 % interval; if its end is open, the number is only a bound, which is not
+    and latency from steps of the light at known times, or from the motion between the frames.
+
+    Each number has a 95 % interval. If one end is open, the number is only a bound, which is not
     simulated. With frames or a crop, one half is held out: the fitted camera is simulated in its
-    light, and compared with its events.
+    light and compared with its events.
 
     Parameters
     ----------
     out
         The camera to write, a TOML file.
     sensor
-        Camera that the result completes: a name (`eres sensors` lists them), or a TOML file. Its
-        values stay where the recording shows none. By default a plain sensor of the recording's
-        size.
+        Camera to complete: a name (`eres sensors` lists them), or a TOML file. Its values stay
+        where the recording shows none. By default a plain sensor of the recording's size.
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
     crop
@@ -67,7 +67,7 @@ def fit(
         bright pixels fire in the same proportion as in the recording.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
-        one per line; or triggers, for the rising edges in the recording, triggers:1 for those on
+        one per line. Or triggers, for the rising edges in the recording; triggers:1 for those on
         channel 1.
     check
         Half of the frames or the crop to hold out of the fit and compare with a simulation: second
@@ -75,7 +75,7 @@ def fit(
     title
         Name of the sensor; by default that of --sensor or of the recording.
     format
-        Format of the recording, instead of what its extension or header says.
+        Format of the recording, as for `eres info`.
     overwrite
         Replace OUT if it exists.
     """
@@ -136,21 +136,21 @@ def fit(
     terminal.say(*notes, fitted.assumptions(), f"{out}: {len(estimates.values(''))} values")
 
 
-def _print_tables(found: Found) -> None:
+def _print_tables(result: Found) -> None:
     """Print the estimates, the dark levels that were tried, and the held-out half."""
     from tasks.fitting.check import BLOCKS
 
     table = Table("field", "value", "unit", box=None)
-    for name, (value, unit, _, _) in found.values("").items():
+    for name, (value, unit, _, _) in result.values("").items():
         table.add_row(name, str(value), unit)
     terminal.show(table)
-    if found.sweep:
+    if result.sweep:
         columns = "dark level, % of white", "ON, log", "OFF, log", "spread over brightness, %"
         sweep = Table(*columns, box=None)
-        for (on, off, dark, *_), uneven in found.sweep:
+        for (on, off, dark, *_), uneven in result.sweep:
             sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
         terminal.show(sweep)
-    if (held_out := found.agreement) is not None:
+    if (held_out := result.agreement) is not None:
         start_s, end_s = (1e-6 * t_us for t_us in held_out.counted_us)
         sides = "real", "simulated", "simulated / real"
         table = Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides, box=None)
@@ -167,11 +167,16 @@ def _print_tables(found: Found) -> None:
         terminal.show(table)
 
 
-def _remarks(found: Found, known: EventCamera, shift_us: int | None) -> Iterator[str]:
+def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterator[str]:
     """Yield what the values do not say; frames were shifted by `shift_us`."""
     from tasks.recording.motion import NOISY
 
-    dark, thresholds, motion, response = found.dark, found.thresholds, found.motion, found.response
+    dark, thresholds, motion, response = (
+        result.dark,
+        result.thresholds,
+        result.motion,
+        result.response,
+    )
     if dark is not None and dark.is_bound:
         share = f"{100 * known.dark_share:g} %"
         yield f"dark level: only a bound, {dark} of white; the thresholds hold at {share}"

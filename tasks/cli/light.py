@@ -24,7 +24,7 @@ def bake(
     """Bake a scene's lightmaps into its folder.
 
     Writes them next to scene.xml. Without them, the first render bakes into the cache. Baking needs
-    LLVM or a GPU; machines without either can use lightmaps from the folder.
+    LLVM or a GPU; a machine without either can use the lightmaps in the folder.
     """
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
@@ -206,8 +206,8 @@ def truth(
 ) -> None:
     """Write ground truth: depth, flow, visibility, objects, poses.
 
-    Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
-    the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
+    Depth is along the camera's axis, in meters (EXR channel Z). Flow is in pixels, from each time
+    to the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
     object at each pixel. Times run from the start of the window to its end.
 
     Parameters
@@ -217,14 +217,15 @@ def truth(
     width
         Width of the images, px; use that of the sensor.
     height
-        Height of the images, px, for a sensor of another shape than the frames, which sees the
-        center of them. By default the images show all of the frames.
+        Height of the images, px, for a sensor of another aspect ratio, which sees the center of the
+        frames. By default the images show all of the frames.
     step
-        Time from one image to the next, seconds; the last may be nearer, at the window's end.
+        Time from one image to the next, seconds. The last step may be shorter, to end with the
+        window.
     flow_png
         Write the flow as 16-bit PNG too, as in the DSEC dataset.
     overwrite
-        Replace ground truth in the folder; by default such a folder is refused.
+        Replace ground truth in the folder.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
 
@@ -254,10 +255,10 @@ def images(
 ) -> None:
     """Take images with a frame camera along a sequence.
 
-    The images have exposure and noise, and are 8-bit gray PNG files. An image is the mean of the
-    rendered light over its exposure, encoded as sRGB; white is the sequence's white. frames.csv
-    has the start and end of each exposure on the events' clock, as --frames of other commands
-    reads them. Rates and exposures are in the events' time too.
+    Writes 8-bit gray PNG files. An image is the mean of the rendered light over its exposure, with
+    noise, encoded as sRGB; white is the sequence's white. frames.csv has the start and end of each
+    exposure on the events' clock, as --frames of other commands reads them. Rate and exposure are
+    in the events' time too.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ def images(
     rate
         Images per second.
     speed
-        Factor by which the scene moves faster than in the frames; that of `eres simulate`.
+        Factor by which the scene moves faster than in the frames, as in `eres simulate`.
     seed
         Seed of the noise.
     """
@@ -291,8 +292,8 @@ def convergence(
 ) -> None:
     """Show how many samples and frames are enough for a scene.
 
-    Renders one stretch from the middle of the path with more and more samples, and with smaller and
-    smaller motion from frame to frame, each with random numbers common to all frames and with fresh
+    Renders one stretch in the middle of the path with more and more samples per pixel, and with
+    less and less motion per frame: once with the same random numbers in all frames, once with fresh
     ones. Prints the number of events of an ideal sensor at the frames' resolution, and the PSNR of
     event integration against the finest frames. Takes minutes at 1280 px on 2 cores.
 

@@ -106,12 +106,12 @@ def sensors(
 ) -> None:
     """List event cameras.
 
-    With the name or the file of a camera, list its values with units, 95 % intervals and sources,
-    and the defaults of those that are not known.
+    With the name or the file of a camera, list its values with units, 95 % intervals and sources.
+    Unknown values show their defaults.
 
-    Columns: pixels; their pitch and the share of their area that is sensitive to light; contrast
-    thresholds of ON and OFF events; cutoff of the photoreceptor per lux, lent by another camera
-    where its own is not known; noise; and the capacity of the bus in million events per second.
+    Columns: pixels; their pitch; the light-sensitive share of their area; contrast thresholds of ON
+    and OFF events; cutoff of the photoreceptor per lux, lent by another camera if unknown; kinds of
+    noise; capacity of the bus in million events per second.
 
     Parameters
     ----------

@@ -164,8 +164,8 @@ def report(run: RunFolder) -> None:
 def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     """Judge the paper's claims on a run's scores.
 
-    Several runs of one study, whose --weights are those of different trainings of the same
-    networks, are judged together: intervals are then over samples and trainings.
+    Runs of one study with --weights of different trainings of the same networks are judged
+    together. The intervals are then over samples and trainings.
 
     Parameters
     ----------

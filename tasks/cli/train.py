@@ -27,11 +27,11 @@ class TrainingOptions:
     config
         Settings: small; trial, which takes minutes; or a TOML file (docs/training.md).
     light
-        Light of the crops: ideal, for ideal pixels in all; all, for a cutoff drawn for each. All
-        else is the same.
+        Light of the crops: ideal, where all have ideal pixels; all, where each has its own random
+        cutoff. All else is the same.
     sensor
-        Camera of the crops, a name or a TOML file, for all that they do not draw: photoreceptor,
-        dark level, noise, delays; in place of that of the settings.
+        Camera of the crops in place of that in the settings, a name or a TOML file. It gives what
+        is not random: photoreceptor, dark level, noise, delays.
     seed
         Seed of the crops and the initial weights.
     device

@@ -11,22 +11,22 @@ from tasks.errors import TaskError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuOptions:
-    """An IMU; none by default. The noise is that of an ADIS16448, as in the EuRoC dataset.
+    """An inertial measurement unit; its noise is by default that of EuRoC's ADIS16448.
 
     Noise densities and random walks have the units of Kalibr.
 
     Parameters
     ----------
     imu
-        Add an inertial measurement unit with this rate to the file, Hz.
+        Add an inertial measurement unit with this rate, Hz. By default there is none.
     gyroscope_noise
         White noise of the angular velocity, rad/s/sqrt(Hz).
     gyroscope_walk
-        Random walk of its bias, rad/s^2/sqrt(Hz).
+        Random walk of the gyroscope's bias, rad/s^2/sqrt(Hz).
     accelerometer_noise
         White noise of the specific force, m/s^2/sqrt(Hz).
     accelerometer_walk
-        Random walk of its bias, m/s^3/sqrt(Hz).
+        Random walk of the accelerometer's bias, m/s^3/sqrt(Hz).
     """
 
     imu: float | None = None

@@ -110,8 +110,8 @@ class RecordedFrames:
         file = self.files[k]
         light = self._in_units_of_white(file, next(read_images([file])))
         if light.shape != self._shape:
-            found, expected = ("{1}x{0} px".format(*shape) for shape in (light.shape, self._shape))
-            raise TaskError(f"{file}: found {found}, expected {expected} like {self.files[0].name}")
+            size, first = ("{1}x{0} px".format(*shape) for shape in (light.shape, self._shape))
+            raise TaskError(f"{file}: found {size}, expected {first} like {self.files[0].name}")
         return light
 
     def log_light(self, k: int) -> NDArray[np.float64]:

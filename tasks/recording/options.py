@@ -80,7 +80,7 @@ class FlowOptions:
     ----------
     window_ms
         Length of a window, milliseconds; by default one in which events move by 4 px, at most 500
-        ms. With frames, a window lasts from one to the next.
+        ms. With frames, a window lasts from one frame to the next.
     windows
         Largest number of windows, spread evenly over the recording.
     features
