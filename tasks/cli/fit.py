@@ -82,8 +82,7 @@ def fit(
     from sensor.cameras import find_camera, plain_camera, write_camera
     from sensor.events import concatenate
     from tasks.events.overwriting import check_new
-    from tasks.fitting.fit import Evidence
-    from tasks.fitting.fit import fit as fit_recording
+    from tasks.fitting import fit as fitting
     from tasks.fitting.steps import read_steps
     from tasks.origin import in_text
     from tasks.recording.clock import on_one_clock
@@ -105,7 +104,7 @@ def fit(
         else:
             opened = on_one_clock(real, opened, shift_us, notes)
     has_light = opened is not None or crop is not None
-    evidence = Evidence(
+    evidence = fitting.Evidence(
         still_s=still,
         frames=opened,
         light=None if crop is None else light_of_crop(crop),
@@ -124,7 +123,7 @@ def fit(
         sizes = f"{known.width}x{known.height} px, and {recording} {size[0]}x{size[1]} px"
         raise TaskError(f"sensor: {sensor} has {sizes}; give a camera of that size")
     with terminal.progress() as on_progress:
-        estimates = fit_recording(events, replace(evidence, camera=known), on_progress)
+        estimates = fitting.fit(events, replace(evidence, camera=known), on_progress)
     fitted = replace(
         estimates.camera(known, in_text(recording.name)),
         name=in_text(out.stem),
@@ -171,12 +170,7 @@ def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterato
     """Yield what the values do not say; frames were shifted by `shift_us`."""
     from tasks.recording.motion import NOISY
 
-    dark, thresholds, motion, response = (
-        result.dark,
-        result.thresholds,
-        result.motion,
-        result.response,
-    )
+    dark, thresholds, motion = result.dark, result.thresholds, result.motion
     if dark is not None and dark.is_bound:
         share = f"{100 * known.dark_share:g} %"
         yield f"dark level: only a bound, {dark} of white; the thresholds hold at {share}"
@@ -195,7 +189,7 @@ def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterato
                 option = f"--frames-shift-us {shift_us + round(motion.shift_us)}"
                 advice = f": if it is one, {option} removes it"
             yield f"{motion.shift_sentence()}{advice}"
-    if response is not None:
-        early, middle, late = (f"{1e6 * t_s:.4g}" for t_s in response.first_event_s)
+    if result.response is not None:
+        early, middle, late = (f"{1e6 * t_s:.4g}" for t_s in result.response.first_event_s)
         usual = f"for 90 % of the pixels from {early} to {late} us"
         yield f"first event of a pixel after a step: {middle} us, {usual}"

@@ -138,15 +138,13 @@ def intrinsics(
     """
     from eres_render.calibration import write_camera
     from tasks.events.overwriting import check_new
-    from tasks.rig.intrinsics import Board
-    from tasks.rig.intrinsics import intrinsics as calibrate
+    from tasks.rig import intrinsics as lens
 
     require(recordings, "file of events")
     check_new(out, overwrite, *recordings)
     with terminal.progress() as on_progress:
-        result = calibrate(
-            list(recordings), Board(*board, square), size=size, on_progress=on_progress
-        )
+        chessboard = lens.Board(*board, square)
+        result = lens.intrinsics([*recordings], chessboard, size=size, on_progress=on_progress)
     camera, views = result.camera, f"{len(result.views)} of {len(recordings)} views"
     write_camera(out, camera, overwrite=overwrite)
     terminal.say(f"{out}: {views}, rms {result.rms_px:.2f} px")
@@ -296,14 +294,13 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     overwrite
         Replace existing files.
     """
+    from tasks.rig import crop as crops
     from tasks.rig.calibration import read_rig_calibration
-    from tasks.rig.crop import crop as cut
-    from tasks.rig.crop import read_crop
     from tasks.rig.recording import open_rig_recording
 
     require(recordings, "recording")
     with terminal.progress() as on_progress:
-        folders = cut(
+        folders = crops.crop(
             [open_rig_recording(folder) for folder in recordings],
             read_rig_calibration(calibration),
             out,
@@ -311,7 +308,7 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
             on_progress=on_progress,
         )
     for folder in folders:
-        box = read_crop(folder).box
+        box = crops.read_crop(folder).box
         terminal.say(f"{folder}: {box.width}x{box.height} px from ({box.left}, {box.top})")
 
 

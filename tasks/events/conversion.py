@@ -72,16 +72,15 @@ def convert(
     if copied and to.name == find_format(source, input_format).name == "dsec":
         left_out = [name for name in left_out if name not in copied]
         add = groups_to_copy(source, copied, shift_us)
-    window = {
-        name: value + shift_us
-        for name, value in header.origin.items()
-        if name in _WINDOW and isinstance(value, int)
-    }
+    origin = {**header.origin}
+    for name in _WINDOW:
+        if isinstance(value := origin.get(name), int):
+            origin[name] = value + shift_us
     count = write_events(
         out,
         (part.later(shift_us) for part in parts) if shift_us else parts,
         format=format,
-        origin={**header.origin, **window},
+        origin=origin,
         # A clock that starts at 0 has no start to shift.
         t_offset_us=0 if from_start or not header.t_offset_us else header.t_offset_us + shift_us,
         triggers=read_triggers(source, format=input_format).later(shift_us),

@@ -83,14 +83,9 @@ def compare(
     in_real, in_simulated = _in_blocks(real), _in_blocks(simulated)
     fired = in_real > 0
     quartiles = np.percentile(in_simulated[fired] / in_real[fired], (25, 50, 75)).tolist()
-    return Agreement(
-        counted_us=part.counted_us,
-        real=_signs(real),
-        simulated=_signs(simulated),
-        quartiles=tuple(quartiles),
-        real_us=_interval_us(real),
-        simulated_us=_interval_us(simulated),
-    )
+    signs = _signs(real), _signs(simulated)
+    intervals_us = _interval_us(real), _interval_us(simulated)
+    return Agreement(part.counted_us, *signs, tuple(quartiles), *intervals_us)
 
 
 def _signs(events: Events) -> tuple[int, int]:

@@ -306,12 +306,11 @@ def _in_motion(events: Events, evidence: Evidence, result: Found, on_progress: P
     share = known.dark_share if evidence.dark_share is None else evidence.dark_share
     both = part.light, part.coarse
     levels, coarse = (levels_of(events, light, share, hot) for light in both)
-    dark: Estimate | None = None
-    sweep: tuple[Swept, ...] = ()
     ends: list[float] = []
     if evidence.dark_share is None:
         noisy = result.camera(known, "")
         dark, sweep = sweep_dark(events, part, levels, coarse, noisy, on_progress)
+        result = replace(result, dark=dark, sweep=sweep)
         ends = np.clip(dark[1:], DARK_SHARES[0], DARK_SHARES[-1]).tolist()
         if not dark.is_bound:
             levels, coarse = (each.at_dark(dark.value) for each in (levels, coarse))
@@ -325,10 +324,9 @@ def _in_motion(events: Events, evidence: Evidence, result: Found, on_progress: P
     for end in ends:
         with suppress(TaskError):  # the events do not fit the light at the end of the interval
             other = fit_thresholds(levels.at_dark(end), coarse.at_dark(end), *late)
-            thresholds = thresholds._replace(
-                on=_covering(thresholds.on, other.on), off=_covering(thresholds.off, other.off)
-            )
-    result = replace(result, thresholds=thresholds, dark=dark, sweep=sweep, motion=motion)
+            on, off = _covering(thresholds.on, other.on), _covering(thresholds.off, other.off)
+            thresholds = thresholds._replace(on=on, off=off)
+    result = replace(result, thresholds=thresholds, motion=motion)
     if held_out is None:
         return result
     agreement = compare(events, held_out, result.camera(known, ""), on_progress)

@@ -93,14 +93,9 @@ def fit_response(events: Events, rises_us: Int64) -> Response:
     first = np.full(len(answers.tile) * answers.steps, np.inf)
     trial = answers.place * answers.steps + answers.step
     np.minimum.at(first, trial, answers.since_us * 1e-6)
-    early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
-    return Response(
-        photoreceptor="two_pole" if order == 2 else "one_pole",
-        cutoff_hz=cutoff,
-        latency_s=latency,
-        first_event_s=(float(early[0]), float(early[1]), float(early[2])),
-        steps=answers.steps,
-    )
+    first_s = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95)).tolist()
+    photoreceptor: Photoreceptor = "two_pole" if order == 2 else "one_pole"
+    return Response(photoreceptor, cutoff, latency, tuple(first_s), answers.steps)
 
 
 class _Answers(NamedTuple):

@@ -94,13 +94,8 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
         all_hot = poisson_rate(float(total[hot].sum()), seconds * count)
         usual = mean / seconds
         hot_rate = Estimate(*(max(0.0, rate - usual) for rate in all_hot))
-    return Noise(
-        leak_hz=leak,
-        shot_noise_hz=Estimate(*(2 * rate for rate in off_rate)),
-        hot_pixels=share(int(hot.sum()), total.size),
-        hot_pixel_hz=hot_rate,
-        hot=hot,
-    )
+    shot_noise = Estimate(*(2 * rate for rate in off_rate))
+    return Noise(leak, shot_noise, share(int(hot.sum()), total.size), hot_rate, hot)
 
 
 def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:

@@ -153,9 +153,8 @@ def on_one_clock(
         frames = frames.later(shift.shift_us)
         check_frames(recording, frames)
     elif shift.matters:
-        option = (
-            f"--frames-shift-us {shift_us + shift.shift_us}" if shift_us else "--estimate-shift"
-        )
+        given = f"--frames-shift-us {shift_us + shift.shift_us}"
+        option = given if shift_us else "--estimate-shift"
         rest = f"{after} of their change unexplained, not {before}"
         best = f"clocks: the frames fit the events best {_ms(shift.shift_us)} ({rest})"
         notes.append(f"{best}; not done, {option} does it")

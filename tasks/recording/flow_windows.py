@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.errors import check_positive
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.source import Window
@@ -32,6 +31,8 @@ from tasks.recording.tracks import strong_corners
 END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
 """Distance from the tracks of the frames; contrast of the events moved back along a flow, over that
 of the unmoved events."""
+
+_MIN = {"window_ms": 1e-3, "windows": 1, "features": 1, "patch_px": 3, "search_px": 1e-3}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +94,11 @@ def check(options: FlowOptions) -> None:
     TaskError
         An option is out of range.
     """
-    for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
+    for name, least in _MIN.items():
         value = getattr(options, name)
         if value is not None and not least <= value < math.inf:
             option = name.replace("_", "-")
             raise TaskError(f"{option}: found {value:g}, expected at least {least:g}")
-    if options.search_px is not None:
-        check_positive("search-px", options.search_px, TaskError)
 
 
 def windows_of(

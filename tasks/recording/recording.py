@@ -54,7 +54,19 @@ class Recording:
         return self.reading.parts(self.path, self.format)
 
     def counted(self, stage: str, on_progress: Progress) -> Iterator[Events]:
-        """Read the file in parts, and report the number of events that were used."""
+        """Read the file in parts, and report progress after each.
+
+        Parameters
+        ----------
+        stage
+            What the events are read for, as `on_progress` gets it.
+        on_progress
+            Called with the number of events so far, and of all.
+
+        Returns
+        -------
+        The parts.
+        """
         done = 0
         for events in self.parts():
             yield events
