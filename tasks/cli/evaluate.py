@@ -22,7 +22,6 @@ from tasks.registry import TASKS
 from tasks.row import Row
 
 _SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
-_USUAL_WIDTH = 346
 
 
 def evaluate(
@@ -74,9 +73,7 @@ def evaluate(
         threshold = given.pop("threshold", None)
         if given:
             options = ", ".join(f"--{name.replace('_', '-')} {given[name]}" for name in given)
-            raise TaskError(
-                f"{source}: is a recording; {options} applies only to a rendered sequence"
-            )
+            raise TaskError(f"{source}: is a recording; {options} needs a rendered sequence")
         shift_us, opened = frames.shift_us, frames.open_frames()
         recording = open_recording(source, format=format, reading=reading)
         with terminal.progress() as on_progress:
@@ -98,15 +95,13 @@ def evaluate(
     if not source.exists():
         raise TaskError(f"{source}: no such file of events or folder of a sequence")
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
-        raise TaskError(
-            f"{source}: is a folder; --format, frame and flow options apply to recordings"
-        )
+        raise TaskError(f"{source}: is a folder; --format, frame and flow options need a recording")
     from eres_render import open_sequence
     from tasks.evaluation.sequence import evaluate_sequence
 
     sequence = open_sequence(source)
     size = sequence.manifest.width, sequence.manifest.height
-    chosen = camera.camera(*size, usual_width=_USUAL_WIDTH)
+    chosen = camera.camera(*size, usual_width=346)
     terminal.say(chosen.assumptions(**camera.light))
     with terminal.progress() as on_progress:
         rows = evaluate_sequence(

@@ -124,11 +124,8 @@ def fit(
         raise TaskError(f"sensor: {sensor} has {sizes}; give a camera of that size")
     with terminal.progress() as on_progress:
         estimates = fitting.fit(events, replace(evidence, camera=known), on_progress)
-    fitted = replace(
-        estimates.camera(known, in_text(recording.name)),
-        name=in_text(out.stem),
-        title=in_text(title or known.title or recording.name),
-    )
+    name, title = in_text(out.stem), in_text(title or known.title or recording.name)
+    fitted = replace(estimates.camera(known, in_text(recording.name)), name=name, title=title)
     write_camera(out, fitted, overwrite=overwrite)
     _print_tables(estimates)
     terminal.say(*_remarks(estimates, known, shift_us if crop is None else None))

@@ -72,10 +72,8 @@ class View:
         given = [f"--{side}" for side in sides if getattr(self, side) is not None]
         given += ["--camera"] if self.camera is not None else []
         if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
-            raise RenderError(
-                f"size of the frames: found {' and '.join(given)}, expected --resolution, or "
-                "--width and --height, or --camera"
-            )
+            known = "--resolution, or --width and --height, or --camera"
+            raise RenderError(f"size of the frames: found {' and '.join(given)}, expected {known}")
         if self.camera is not None:
             from eres_render.calibration import read_camera
 
@@ -274,15 +272,10 @@ def images(
     from eres_render import open_sequence
     from tasks.events.frame_camera import write_images
 
+    clip = open_sequence(sequence)
     with terminal.progress() as on_progress:
         count = write_images(
-            open_sequence(sequence),
-            out,
-            rate,
-            camera,
-            speed=speed,
-            seed=seed,
-            on_progress=on_progress,
+            clip, out, rate, camera, speed=speed, seed=seed, on_progress=on_progress
         )
     terminal.say(f"{out}: {count} images")
 
@@ -311,12 +304,10 @@ def convergence(
 
     table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
     finest: int | None = None
+    loaded = load_scene(scene, trajectory)
     with terminal.progress() as on_progress:
         outcomes = converge(
-            load_scene(scene, trajectory),
-            resolution=resolution,
-            duration_s=duration,
-            on_progress=on_progress,
+            loaded, resolution=resolution, duration_s=duration, on_progress=on_progress
         )
         for outcome in outcomes:
             setting, finest = outcome.setting, finest or outcome.events

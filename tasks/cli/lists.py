@@ -87,13 +87,9 @@ def scenes() -> None:
     table = Table("scene", "description", "camera speed", "length", "license", box=None)
     for name in list_scenes():
         scene = load_scene(name)
-        table.add_row(
-            name,
-            scene.settings.title,
-            f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s",
-            f"{scene.duration_s:g} s",
-            scene.settings.license,
-        )
+        speed = f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s"
+        settings, length = scene.settings, f"{scene.duration_s:g} s"
+        table.add_row(name, settings.title, speed, length, settings.license)
     terminal.show(table)
 
 

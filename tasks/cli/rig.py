@@ -13,9 +13,6 @@ from tasks.cli.app import require, several
 from tasks.cli.table import Table
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
-_Recording = Annotated[
-    Positional[Path], arg(metavar="RECORDING", help="folder of a recording of the rig")
-]
 _Recordings = Annotated[
     Positional[tuple[Path, ...]],
     several("RECORDINGS", "folders of recordings, one for each distance"),
@@ -154,7 +151,9 @@ def intrinsics(
 
 
 def detect(
-    recording: _Recording,
+    recording: Annotated[
+        Positional[Path], arg(metavar="RECORDING", help="folder of a recording of the rig")
+    ],
     out: Path,
     source: Literal["frame", "hf", "ei"] = "hf",
     images: int = 20,
@@ -299,14 +298,10 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     from tasks.rig.recording import open_rig_recording
 
     require(recordings, "recording")
+    opened = [open_rig_recording(folder) for folder in recordings]
+    solved = read_rig_calibration(calibration)
     with terminal.progress() as on_progress:
-        folders = crops.crop(
-            [open_rig_recording(folder) for folder in recordings],
-            read_rig_calibration(calibration),
-            out,
-            overwrite=overwrite,
-            on_progress=on_progress,
-        )
+        folders = crops.crop(opened, solved, out, overwrite=overwrite, on_progress=on_progress)
     for folder in folders:
         box = crops.read_crop(folder).box
         terminal.say(f"{folder}: {box.width}x{box.height} px from ({box.left}, {box.top})")

@@ -70,10 +70,8 @@ def simulate_footage(
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
     if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
-        raise TaskError(
-            f"interpolate: found {interpolate!r}, expected 1 to {_MAX_STEPS}, or auto, which "
-            "limits motion to half a pixel a frame"
-        )
+        expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel a frame"
+        raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
     _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",

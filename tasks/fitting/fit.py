@@ -174,11 +174,9 @@ class Found:
             values["threshold_off"] = Fitted(self.thresholds.off, "log", at)
             running = "the recording begins while the camera runs"
             values["random_start"] = Fitted(True, "", running, "given")
-            option = "eres fit --dark; the thresholds hold at this level"
+            given = Fitted(level, "", "eres fit --dark; the thresholds hold at this level", "given")
             by_counts = f"{source}: events of dark and of bright pixels, in proportion"
-            values["dark"] = Fitted(level, "", option, "given")
-            if self.dark is not None:
-                values["dark"] = Fitted(self.dark, "", by_counts)
+            values["dark"] = given if self.dark is None else Fitted(self.dark, "", by_counts)
         if self.response is not None:
             steps = f"{recording}: {self.response.steps} steps of the light"
             values |= _of_filter(self.response, steps, "in their light")

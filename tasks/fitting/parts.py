@@ -58,10 +58,8 @@ def parts_of(
     if check == "none":
         return _part(light, 0, last), None
     if last + 1 < _LEAST:
-        raise TaskError(
-            f"check: found {last + 1} frames within the time of the events, expected {_LEAST} or "
-            "more, three of each half; --check none fits all of them"
-        )
+        frames = f"check: found {last + 1} frames within the time of the events"
+        raise TaskError(f"{frames}, expected {_LEAST} or more; --check none fits all of them")
     middle = last // 2
     if check == "first":
         return _part(light, middle, last), _part(light, 0, middle)

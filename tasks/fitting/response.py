@@ -110,9 +110,8 @@ class _Answers(NamedTuple):
 
 def _answers(events: Events, rises_us: Int64) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        raise TaskError(
-            f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
-        )
+        times = f"steps: found {len(rises_us)} times"
+        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, increasing")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)
@@ -131,10 +130,10 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
     if len(since_us) < _MIN_EVENTS * max(trials, 1):
-        mean = f"{len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step"
-        raise TaskError(
-            f"steps: found {mean}, expected at least {_MIN_EVENTS:g}; larger steps help"
+        mean = (
+            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step"
         )
+        raise TaskError(f"{mean}, expected at least {_MIN_EVENTS:g}; larger steps help")
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
 
@@ -165,10 +164,9 @@ def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
         ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
     if len(inside) < _MIN_STEPS:
-        raise TaskError(
-            f"steps: the recording, {first_us} to {last_us} us, has the answers to {len(inside)} "
-            f"of {len(rises_us)} steps, expected at least {_MIN_STEPS}"
-        )
+        answered = f"has the answers to {len(inside)} of {len(rises_us)} steps"
+        span = f"steps: the recording, {first_us} to {last_us} us, {answered}"
+        raise TaskError(f"{span}, expected at least {_MIN_STEPS}")
     return inside
 
 
@@ -188,10 +186,8 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
 
     whole = mean_events(np.ones(tiles))
     if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
-        times = f"{points} different times of events after a step"
-        raise TaskError(
-            f"steps: found {times}, expected at least {_MIN_POINTS}: record finer times"
-        )
+        times = f"steps: found {points} different times of events after a step"
+        raise TaskError(f"{times}, expected at least {_MIN_POINTS}; record finer times")
     fits = {order: _fit(t_s, whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda order: fits[order].cost)
     absorbed = None if order == 2 else _ABSORBED

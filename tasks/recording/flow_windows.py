@@ -138,10 +138,8 @@ def windows_of(
     if with_before:
         windows = [each for each in windows if each[0].before_us >= recording.start_us]
         if not windows:
-            raise TaskError(
-                f"{recording.path}: dense flow compares two windows, and no window between frames "
-                "has events for as long before it"
-            )
+            needed = "events for as long before it, which dense flow needs"
+            raise TaskError(f"{recording.path}: no window between frames has {needed}")
     return [windows[i] for i in spread(range(len(windows)), options.windows)]
 
 

@@ -67,12 +67,9 @@ class RecordedFrames:
 
     def some(self, numbers: NDArray[np.int64]) -> RecordedFrames:
         """Return the frames of these indices, which ascend."""
-        return replace(
-            self,
-            files=tuple(self.files[k] for k in numbers),
-            start_us=self.start_us[numbers],
-            end_us=self.end_us[numbers],
-        )
+        files = tuple(self.files[k] for k in numbers)
+        start_us, end_us = self.start_us[numbers], self.end_us[numbers]
+        return replace(self, files=files, start_us=start_us, end_us=end_us)
 
     def every_second(self) -> RecordedFrames:
         """Return every second frame, and the last one."""

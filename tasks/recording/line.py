@@ -28,15 +28,15 @@ def best_delay_us(levels: Levels) -> float:
     """
     reach_us = levels.longest_delay_us
     tried_us = np.linspace(-reach_us, reach_us, _DELAYS)
-    left = [fit_line(levels, delay_us).unexplained for delay_us in tried_us.tolist()]
+
+    def unexplained(delay_us: float) -> float:
+        return fit_line(levels, delay_us).unexplained
+
+    left = list(map(unexplained, tried_us.tolist()))
     best, step_us = float(tried_us[int(np.argmin(left))]), float(tried_us[1] - tried_us[0])
-    result = optimize.minimize_scalar(
-        lambda delay_us: fit_line(levels, delay_us).unexplained,
-        bounds=(max(-reach_us, best - step_us), min(reach_us, best + step_us)),
-        method="bounded",
-        options={"xatol": 1.0},
-    )
-    return float(result.x)
+    bounds = max(-reach_us, best - step_us), min(reach_us, best + step_us)
+    how = {"method": "bounded", "options": {"xatol": 1.0}}
+    return float(optimize.minimize_scalar(unexplained, bounds=bounds, **how).x)
 
 
 class Line(NamedTuple):

@@ -57,11 +57,9 @@ class FrameOptions:
         from tasks.recording.frames import open_frames
 
         if self.frames is not None:
+            unit, exposure_us = self.frames_time_unit, self.exposure_us
             return open_frames(
-                self.frames,
-                time_unit=self.frames_time_unit,
-                exposure_us=self.exposure_us,
-                encoding=self.encoding,
+                self.frames, time_unit=unit, exposure_us=exposure_us, encoding=self.encoding
             )
         for name, value in asdict(self).items():
             if value != getattr(NO_FRAMES, name):

@@ -89,9 +89,8 @@ def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) 
 def _follow(
     image: NDArray[np.uint8], later: NDArray[np.uint8], places: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    size, guess = (_WINDOW_PX, _WINDOW_PX), np.empty(0, np.float32)
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        *(image, later, places, np.empty(0, np.float32)),
-        winSize=(_WINDOW_PX, _WINDOW_PX),
-        maxLevel=_LEVELS,
+        image, later, places, guess, winSize=size, maxLevel=_LEVELS
     )
     return np.asarray(moved, np.float32), np.asarray(status).ravel() == 1

@@ -83,8 +83,8 @@ def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thres
     solution = fit.solve()
     if solution is None or min(solution[0]) <= 0:
         worth = "none" if solution is None else "ON {:.3g}, OFF {:.3g}".format(*solution[0])
-        raise TaskError(
-            f"{recording.path}: the thresholds that fit the frames best are not positive: {worth}; "
-            "try --estimate-shift, or give --threshold"
+        best = (
+            f"{recording.path}: the thresholds that fit the frames best, {worth}, are not positive"
         )
+        raise TaskError(f"{best}; try --estimate-shift, or give --threshold")
     return solution
