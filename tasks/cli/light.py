@@ -228,18 +228,10 @@ def truth(
     from eres_render import ground_truth, open_sequence, window_times, write_truth
 
     opened = open_sequence(sequence)
-    times_s = window_times(opened, step)
+    exact, times_s = ground_truth(opened), window_times(opened, step)
+    how = {"flow_png": flow_png, "overwrite": overwrite}
     with terminal.progress() as on_progress:
-        files = write_truth(
-            ground_truth(opened),
-            out,
-            times_s,
-            width,
-            height,
-            on_progress=on_progress,
-            flow_png=flow_png,
-            overwrite=overwrite,
-        )
+        files = write_truth(exact, out, times_s, width, height, **how, on_progress=on_progress)
     terminal.say(f"{out}: {len(files)} files, {len(times_s)} times")
 
 

@@ -73,18 +73,13 @@ class Changes:
         from tasks.study.settings import Simulate
 
         asked = with_scenes(study, self.scenes, self.trajectory)
-        rendering: dict[str, Any] = {"samples": self.samples, "spp": self.spp}
-        rendering = {name: value for name, value in rendering.items() if value is not None}
-        sensing: dict[str, Any] = {}
+        rendering = _given(samples=self.samples, spp=self.spp)
+        sensing = _given(photoreceptors=self.photoreceptor, distance_m=self.distance_m)
         if self.sensors:
             cameras = tuple(read_camera_of(name, "--sensors", Path()) for name in self.sensors)
             sensing |= {"sensors": cameras, "widths": ()}
         if self.lux:
             sensing |= {"illuminance_lux": self.lux, "cutoffs_hz": Simulate().cutoffs_hz}
-        if self.photoreceptor:
-            sensing["photoreceptors"] = self.photoreceptor
-        if self.distance_m is not None:
-            sensing["distance_m"] = self.distance_m
         render, simulate = replace(asked.render, **rendering), replace(asked.simulate, **sensing)
         asked = replace(asked, render=render, simulate=simulate)
         if self.resolution is not None:
@@ -92,6 +87,10 @@ class Changes:
         for name in self.method:
             asked = with_method(asked, name)
         return asked
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value not in (None, ())}
 
 
 AS_IT_IS = Changes()

@@ -151,8 +151,8 @@ def write_video(
             if calibration is not None:
                 codes = calibration.undistorted(codes)
             (folder / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
-        lines = ["# unit: us", *map(str, times_us)]
-        (folder / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lines = "# unit: us", *map(str, times_us), ""
+        (folder / TIMES).write_text("\n".join(lines), encoding="utf-8")
         _check_folder(out, overwrite)  # again: one may have appeared meanwhile
         if out.exists():  # it may be a mount point, or the folder in which a shell is
             for file in out.iterdir():
