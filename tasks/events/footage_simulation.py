@@ -38,7 +38,7 @@ def simulate_footage(
     """Write the events that a sensor fires on footage.
 
     The log states the assumed encoding. Without interpolation, a warning estimates how many events
-    are lost if things move by more than a pixel of the sensor from frame to frame. Another one
+    are lost if things move by more than a pixel of the sensor from frame to frame. Another warning
     counts the pixels that had no light.
 
     Parameters
@@ -53,13 +53,13 @@ def simulate_footage(
         Speed, seed, bus, and how to write the file.
     interpolate
         Number of intervals into which each interval between frames is divided by
-        motion-compensated frames, or "auto": as many as leave half a pixel of motion.
+        motion-compensated frames, or "auto", which limits motion to half a pixel a frame.
     on_progress
         Called after each frame.
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------

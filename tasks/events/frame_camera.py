@@ -152,7 +152,7 @@ def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Floa
     first
         Index of the first frame with a weight.
     weights
-        (N,) weights of the frames from that one on; their sum is 1.
+        (N,) weights of the frames from `first` on; their sum is 1.
     """
     first = max(0, int(np.searchsorted(t_s, start_s, "right")) - 1)
     stop = min(len(t_s), int(np.searchsorted(t_s, end_s, "left")) + 1)

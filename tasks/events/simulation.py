@@ -62,9 +62,10 @@ class SimulationOptions:
     readout
         The bus on which the events leave; None if all leave when they fire.
     warm_up
-        Time constants of the photoreceptor before a clip's window, below which a warning appears.
+        Shortest warm-up before a clip's window without a warning, in time constants of the
+        photoreceptor.
     assumes
-        What the simulation assumes in words, for the file's origin.
+        What the simulation assumes, in words, for the file's origin.
     format
         As for `write_events`.
     overwrite
@@ -73,7 +74,7 @@ class SimulationOptions:
     Raises
     ------
     TaskError
-        The speed is not positive or 1e9 or more, or the seed is negative or larger than 2^63 - 1.
+        The speed is not above 0 and below 1e9, or the seed is not in 0..2^63 - 1.
     """
 
     speed: float = 1.0
@@ -158,7 +159,7 @@ def simulate_sequence(
     options
         Speed, seed, bus, and how to write the file.
     truth_step_s
-        Step of the ground truth to add to the file, seconds, see `truth_to_add`; None for none.
+        Step of the ground truth to add to the file, seconds (see `truth_to_add`); None adds none.
     imu
         IMU to add to the file, if it has a rate; see `imu_to_add`.
     on_progress
@@ -166,7 +167,7 @@ def simulate_sequence(
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------
@@ -234,13 +235,13 @@ def simulate_frames(
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------
     TaskError
-        The file exists, or its format cannot store times as late as the last frame's, counted from
-        the first frame: a first event that is late could leave room for more.
+        The file exists, or its format cannot store the time of the last frame, counted from the
+        first frame.
     """
     out = Path(out)
     check_new(out, options.overwrite)

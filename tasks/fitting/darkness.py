@@ -1,8 +1,8 @@
 """The dark level, from the numbers of events of dark and of bright pixels.
 
-At any dark level, thresholds follow that give about the right number of events in total. But a
-level that is too low makes dark pixels fire too often, and one that is too high too rarely. At the
-right level a simulation has the same share of the real events in pixels of every brightness.
+At any dark level, thresholds can be fitted that give about the right total number of events. But if
+the level is too low, dark pixels fire too often; if it is too high, too rarely. At the right level,
+the ratio of simulated to real events is the same for pixels of every brightness.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ def sweep_dark(
 ) -> tuple[Estimate, tuple[Swept, ...]]:
     """Choose the dark level at which dark and bright pixels fire in the right proportion.
 
-    At each level of a sweep thresholds are fitted, and the camera is simulated in the light. The
+    At each level of a sweep, thresholds are fitted and the camera is simulated in the light. The
     choice is the level at which the ratio of simulated to real events varies least between eight
-    classes of brightness. The mean of the ratio does not count. The interval is that of a bootstrap
-    over tiles, widened by a factor of 1.35 for errors of the light.
+    classes of brightness. The mean of the ratio does not count. The interval is a bootstrap over
+    tiles, widened by a factor of 1.35 for errors of the light.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def sweep_dark(
     levels, coarse
         Its events with their light.
     camera
-        What else is known of the camera, with the grid of the recording.
+        The rest of the camera, with the grid of the recording.
     on_progress
         Called after each frame of the light.
 

@@ -60,7 +60,7 @@ class Evidence:
         Which half of the frames or the light is held out, and compared with a simulation of the
         camera that is fitted to the other half: "first", "second" or "none".
     camera
-        What else is known of the camera, with the grid of the recording; None for nothing.
+        The rest of the camera, with the grid of the recording; None for a plain camera.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class Fitted(NamedTuple):
     Parameters
     ----------
     value
-        An estimate, or what was not estimated, in the unit of the camera's field.
+        An estimate, or a given value, in the unit of the camera's field.
     unit
         The unit, in words.
     source
@@ -163,7 +163,7 @@ class Found:
 
         Returns
         -------
-        Values by key; an estimate that is only a bound is among them.
+        Values by key, including estimates that are only bounds.
         """
         values: dict[str, Fitted] = {}
         if self.thresholds is not None:

@@ -67,14 +67,14 @@ def fit_response(events: Events, rises_us: Int64) -> Response:
     pixels absorb. Least squares finds A, B, a and the latency, from the first event of the mean
     pixel on. With one pole, a delay looks like another B, so B is fixed: at 1, for equal
     thresholds, and at 3/4 and 5/4 for the interval. One and two poles are compared with B at 1. The
-    interval is that of a bootstrap over tiles of pixels, of pixels if the lamp is in fewer than
-    eight tiles, widened by the change of the estimate if the fit begins half an event later, and by
-    that with another B.
+    interval is a bootstrap over tiles of pixels, or over pixels if the lamp is in fewer than eight
+    tiles. It is widened by the change of the estimate if the fit begins half an event later, and by
+    its change with another B.
 
     Parameters
     ----------
     events
-        The events; those within the shortest time between steps after a step belong to it.
+        The events. Each belongs to the step before it, for the shortest time between steps.
     rises_us
         (S,) times of the steps, on the clock of the events, increasing.
 

@@ -101,8 +101,8 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
 def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:
     """Return the correlation between the events of neighbors over time.
 
-    Noise is independent in each pixel; what moves, or light that flickers, makes neighbors fire
-    together, or one after the other.
+    Noise is independent in each pixel. Motion and flicker make neighbors fire together, or one
+    after the other.
 
     Parameters
     ----------

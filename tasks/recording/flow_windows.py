@@ -29,15 +29,15 @@ from tasks.recording.recording import Recording
 from tasks.recording.tracks import strong_corners
 
 END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
-"""Distance from the tracks of the frames; contrast of the events moved back along a flow, over that
-of the unmoved events."""
+"""Metrics: the distance from the corners tracked in the frames; the contrast of the events moved
+back along a flow, divided by the contrast of the unmoved events."""
 
 _MIN = {"window_ms": 1e-3, "windows": 1, "features": 1, "patch_px": 3, "search_px": 1e-3}
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Patches and searches of a recording whose sensor has some width, px."""
+    """Patches and search range for flow on a sensor of some width, px."""
 
     options: FlowOptions
     width: int
@@ -119,7 +119,7 @@ def windows_of(
     options
         Length and largest number of windows.
     with_before
-        Whether each window needs one of the same length before it.
+        Whether each window needs events for its own length before it.
 
     Returns
     -------

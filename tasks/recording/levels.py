@@ -85,8 +85,8 @@ def light_between(frames: RecordedFrames) -> Footage:
 
     Returns
     -------
-    The frames, and motion-compensated ones between them; only the first part if all would need more
-    than 1000 frames.
+    The frames with motion-compensated frames between them; only the first part if this would need
+    more than 1000 frames.
     """
     own = frames.footage()
     steps = steps_for(displacements_px(own))
@@ -116,7 +116,7 @@ class Levels:
     t_us, pixel
         (N,) times of the events, and their pixels, 0 to P - 1.
     on, off
-        (N,) numbers of ON and OFF events of the pixel until then, including this one.
+        (N,) numbers of ON and OFF events of the pixel up to and including each event.
     block
         (N,) index of the group of successive events of a pixel.
     unit
@@ -147,7 +147,7 @@ class Levels:
         return SETTLING * float(self.light_us[-1] - self.light_us[0])
 
     def at_dark(self, dark: float) -> Levels:
-        """Return the same with another dark level, in units of white."""
+        """Return these levels with another dark level, in units of white."""
         light = np.maximum(np.exp(self.log_light) - self.dark, 0.0)
         return replace(self, log_light=np.log(light + dark), dark=dark)
 
@@ -208,7 +208,7 @@ def _poles(u: Float64, steps_s: Float64, pole_s: float, poles: int) -> tuple[Flo
 def levels_of(
     events: Events, light: Footage, dark: float, hot: NDArray[np.bool_] | None = None
 ) -> Levels:
-    """Collect the events, and their light, of the tiles of 8 x 8 pixels with most events.
+    """Collect events and their light in the tiles of 8 x 8 pixels with the most events.
 
     Parameters
     ----------

@@ -115,11 +115,11 @@ def fit_thresholds(
 ) -> FittedThresholds:
     """Estimate both thresholds.
 
-    The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
+    The interval is a bootstrap over tiles of pixels. It is widened by the change of the estimate
     with every second frame, which shows the error of the light between frames, and by 4 % for
-    thresholds that differ between pixels by up to 10 %. If all that stays unexplained is change
-    between the frames that they do not show, the thresholds are too low by that share; so their
-    upper ends are higher by it.
+    thresholds that differ by up to 10 % between pixels. The unexplained change of the light may be
+    change that the frames do not show. The thresholds are then too low by that share, so the upper
+    ends are raised by it.
 
     Parameters
     ----------

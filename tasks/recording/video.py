@@ -67,7 +67,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
 
 
 def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:
-    """Return the further arguments of a method of `video`.
+    """Return additional arguments for a method of task `video`.
 
     Parameters
     ----------

@@ -32,9 +32,9 @@ def with_motion(
 ) -> FlowOptions:
     """Choose the length of windows by the motion in them, unless it is given.
 
-    Events should move by `ENOUGH_PX`, or half of the search if that is less. At some places of the
-    recording, a window is doubled until contrast maximization finds a motion of at least half of
-    that in most of the strongest patches. The length is the median over the places.
+    Events should move by `ENOUGH_PX`, or by half of the search range if that is less. At five places
+    of the recording, a window is doubled until contrast maximization finds at least half of this
+    motion in most of the strongest patches. The length is the median over the places.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def with_motion(
     options
         Windows and patches.
     notes
-        Gets a sentence that says the length and why.
+        List to append a sentence to, with the length and the reason.
     with_before
-        Whether each window needs one of the same length before it.
+        Whether each window needs events for its own length before it.
     on_progress
         Called after each place.
 
