@@ -115,7 +115,7 @@ def fit(
     )
     events = concatenate(list(reading.parts(recording, format)))
     if not len(events):
-        raise TaskError(f"{recording}: found no events, expected some")
+        raise TaskError(f"{recording}: has no events")
     size = events.width, events.height
     known = plain_camera(*size) if sensor is None else find_camera(sensor)
     known = known.on(*size) if known.width is None else known

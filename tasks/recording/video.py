@@ -56,7 +56,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     end_us = recording.end_us if end_s is None else 1e6 * end_s
     if not math.isfinite(end_us - start_us) or (start_s is not None and end_us < start_us):
         span = f"{1e-6 * start_us:.12g} to {1e-6 * end_us:.12g} s"
-        raise TaskError(f"start, end: found {span}, expected finite times, and the end later")
+        raise TaskError(f"start, end: found {span}, expected finite times in order")
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
     if count < 1:
         span = f"{1e-6 * recording.start_us:.6f} to {1e-6 * recording.end_us:.6f} s"

@@ -32,9 +32,9 @@ def with_motion(
 ) -> FlowOptions:
     """Choose the length of windows by the motion in them, unless it is given.
 
-    Events should move by `ENOUGH_PX`, or by half of the search range if that is less. At five places
-    of the recording, a window is doubled until contrast maximization finds at least half of this
-    motion in most of the strongest patches. The length is the median over the places.
+    Events should move by `ENOUGH_PX`, or by half of the search range if that is less. At five
+    places of the recording, a window is doubled until contrast maximization finds at least half of
+    this motion in most of the strongest patches. The length is the median over the places.
 
     Parameters
     ----------
