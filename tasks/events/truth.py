@@ -42,8 +42,8 @@ def truth_to_add(
         Step between times, seconds of the sequence, from the start of its window to its end.
     """
     if 0 < step_s < 1e-6 * speed:
-        step_us = 1e6 * step_s / speed
-        raise TaskError(f"truth: found {step_us:g} us between events' times, expected at least 1")
+        step = f"{1e6 * step_s / speed:g} us at speed {speed:g}"
+        raise TaskError(f"truth: found a step of {step}, expected at least 1 us")
     truth = ground_truth(sequence)
     size = model.width, model.height
     times_s = window_times(sequence, step_s)
