@@ -125,7 +125,11 @@ def test_help_lists_the_commands_in_short(eres):
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
         (["study", "--out", "{tmp}/file/r"], 1, "file"),
         (["study", "{tmp}/none.toml", "--out", "{tmp}/r"], 1, "none.toml: no such file"),
-        (["study", "{tmp}/my.toml", "--preset", "paper", "--out", "{tmp}/r"], 1, "my.toml or --preset paper"),
+        (
+            ["study", "{tmp}/my.toml", "--preset", "paper", "--out", "{tmp}/r"],
+            1,
+            "or --preset paper",
+        ),
         (["study", "--method", "nowhere:f", "--out", "{tmp}/r"], 1, "cannot be imported"),
         (["evaluate", "{tmp}/none", "--task", "flow"], 1, "none"),
         (["claims", "{tmp}/none"], 1, "none/rows.parquet: no such file"),

@@ -422,7 +422,7 @@ def test_steps_that_the_recording_does_not_have_do_not_count():
     assert found.steps == 3
     inside(found.cutoff_hz, 100.0)
     inside(found.latency_s, 5e-4)
-    with pytest.raises(TaskError, match="steps: .* 1 of 5 steps"):
+    with pytest.raises(TaskError, match=r"steps: .* 1 of 5 steps"):
         fit_response(events.between(0, rises_us[1] + late_us), rises_us)
 
 
@@ -802,7 +802,7 @@ def test_a_recording_without_events_is_named(eres, tmp_path):
 def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
     """Promise: one line says what was found, with file and line where a time is none."""
     events = moving(0.2, 0.2, 1e-2)
-    with pytest.raises(TaskError, match="still: found an end of 9 s.* 0.4"):
+    with pytest.raises(TaskError, match=r"still: found an end of 9 s.* 0\.4"):
         fit_recording(events, Evidence(still_s=(0.0, 9.0)))
     with pytest.raises(TaskError, match="frames have 80x60 px, but the sensor has 81x60 px"):
         levels_of(Events(*events.columns, WIDTH + 1, HEIGHT), light_every(1), 1e-2)

@@ -1015,9 +1015,7 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     assert few < 0.65 * len(every)
     assert 0.85 * len(every) < many < 1.1 * len(every)
     for wrong in ("0", "1001", "1000000000", "-2", "2.5", "many"):
-        with pytest.raises(
-            TaskError, match=f"interpolate: found '{wrong}', expected 1 to"
-        ):
+        with pytest.raises(TaskError, match=f"interpolate: found '{wrong}', expected 1 to"):
             simulate_footage(thin, model, tmp_path / "x.npz", interpolate=wrong)
 
 
