@@ -50,6 +50,14 @@ def test_every_command_explains_itself(eres, command):
     assert not re.findall(r"\(default: (?:None|False)\)", shown)
 
 
+@pytest.mark.parametrize("command", ["", "simulate", "fit"])
+def test_help_breaks_lines_between_words(eres, monkeypatch, command):
+    """Promise: no line is wider than the terminal, which would break it inside a word."""
+    monkeypatch.setenv("COLUMNS", "80")
+    _, *lines = eres(*command.split(), "--help")[1].splitlines()
+    assert max(map(len, lines)) <= 80
+
+
 def test_a_command_may_run_any_number_of_times(eres):
     """Promise: a call leaves commands as they are, so that the thousandth is as fast as the second,
     in a notebook too."""
