@@ -335,8 +335,8 @@ def _checked_poses(t_s: ArrayLike, T_world_cam: ArrayLike) -> tuple[Float64, Flo
     t, T_world_cam = np.asarray(t_s, dtype=np.float64), np.asarray(T_world_cam, dtype=np.float64)
     if t.ndim != 1 or T_world_cam.shape != (len(t), 4, 4) or len(t) < 2:
         raise TrajectoryError(
-            f"found {t.size} times for poses of shape {T_world_cam.shape}, expected N times for "
-            "(N, 4, 4), with N of at least 2"
+            f"found {t.size} times and poses of shape {T_world_cam.shape}, expected at least two "
+            "poses (N, 4, 4), each with a time"
         )
     if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
         k = int(np.argmin(np.diff(t) > 0))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Sized
 from dataclasses import is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -13,42 +15,63 @@ import docstring_parser
 from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
 
+from tasks.errors import UsageError
+
 RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run")]
-OtherRuns = Annotated[
-    Positional[tuple[Path, ...]],
-    arg(metavar="[RUN...]", help_behavior_hint=""),
+ScenePath = Annotated[
+    Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
 ]
+SequenceFolder = Annotated[
+    Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+]
+OtherRuns = Annotated[Positional[tuple[Path, ...]], arg(metavar="[RUN...]", help_behavior_hint="")]
 WeightsFiles = Annotated[tuple[str, ...], arg(metavar="[METHOD=]FILE...", help_behavior_hint="")]
+
+
+def several(metavar: str, help: str) -> Any:
+    """Return the hint of a positional argument of which there are several; see `require`."""
+    return arg(metavar=metavar, help=help, help_behavior_hint="(required)")
+
+
+def require(values: Sized, what: str) -> None:
+    """Refuse a positional argument of which none is given."""
+    if not values:
+        raise UsageError(f"no {what} given, expected at least one")
 
 
 def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:
     """Make commands of functions, with their names.
 
-    Parameters
-    ----------
-    functions
-        The functions; tyro reads their parameters and docstrings.
-    overview
-        Whether each command's help is only its first line, for the list of all commands.
-
-    Returns
-    -------
-    The application.
+    With `overview`, the help of each command is only its first line, for the list of all commands.
     """
     app = SubcommandApp()
     for function in functions:
-        first_line = _prepare(function)
-        app.command(help=first_line if overview else None)(function)
+        text = _prepare(function)
+        app.command(help=text.partition("\n")[0] if overview else wrapped(text))(function)
     return app
 
 
+class _Verbatim(str):
+    """A text whose line breaks stay: tyro joins the lines that `split` returns."""
+
+    def split(self, *_: Any) -> list[str]:
+        return [str(self)]
+
+
+def wrapped(text: str) -> str:
+    """Return paragraphs that are wrapped to the terminal, for the top of a help."""
+    width = shutil.get_terminal_size().columns
+    fill = partial(textwrap.fill, width=width, break_on_hyphens=False, break_long_words=False)
+    return _Verbatim("\n\n".join(map(fill, text.split("\n\n"))))
+
+
 @cache
-def _prepare(function: Callable[..., Any]) -> str | None:
+def _prepare(function: Callable[..., Any]) -> str:
     """Change the docstring and annotations of a command to what tyro shows well.
 
     Returns
     -------
-    The first line of its docstring.
+    Its description.
     """
     described = docstring_parser.parse(function.__doc__ or "")
     for argument in described.params:  # tyro would keep the source's line breaks
@@ -56,19 +79,15 @@ def _prepare(function: Callable[..., Any]) -> str | None:
         argument.default = None  # parsed from "by default ..."; compose adds it to the name
     function.__doc__ = docstring_parser.compose(described)
     _hide_unset(function)
-    return described.short_description
+    return described.description or ""
 
 
 @cache  # commands share options, and each change would add to the one before
 def _hide_unset(function: Callable[..., Any]) -> None:
     """Hide the defaults None and False, which tyro would print after the help of an option.
 
-    Hints that an option already has stay.
-
-    Parameters
-    ----------
-    function
-        A command, or a dataclass of options; its annotations change.
+    Changes the annotations of a command or a dataclass of options. Hints that an option already has
+    stay.
     """
     plain, whole = get_type_hints(function), get_type_hints(function, include_extras=True)
     for name, parameter in inspect.signature(function).parameters.items():

@@ -16,42 +16,27 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
-from tasks.cli import (
-    dataset,
-    evaluate,
-    events,
-    fit,
-    info,
-    light,
-    lists,
-    rig,
-    study,
-    terminal,
-    train,
-    video,
-    view,
-)
-from tasks.cli.app import commands
+from tasks.cli import rig, terminal, train
+from tasks.cli.app import commands, wrapped
+from tasks.cli.dataset import dataset
+from tasks.cli.evaluate import evaluate
+from tasks.cli.events import convert, info, simulate, video, view
+from tasks.cli.fit import fit
+from tasks.cli.light import bake, convergence, images, render, stereo, truth
+from tasks.cli.lists import doctor, methods, scenes, sensors
+from tasks.cli.study import claims, report, study
 from tasks.errors import TaskError, UsageError
 
-_COMMANDS = (
-    *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
-    *(light.bake, light.render, light.stereo, light.truth, light.images, light.convergence),
-    *(events.simulate, events.convert),
-    fit.fit,
-    dataset.dataset,
-    view.view,
-    video.video,
-    evaluate.evaluate,
-    *(study.study, study.report, study.claims),
-    info.info,
-)
-_RIG_COMMANDS = (
-    *(rig.page, rig.render, rig.intrinsics),
-    *(rig.detect, rig.solve, rig.crop, rig.evaluate),
-)
-_TRAIN_COMMANDS = (train.reconstruction, train.flow, train.card)
-_GROUPS = {rig: _RIG_COMMANDS, train: _TRAIN_COMMANDS}
+_DESCRIPTION = """Which event-camera resolution serves a task best, at what bandwidth? Renders HDR
+radiance, turns it into events at any resolution, and scores what can be done with them.
+`eres --version` prints the version."""
+_OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
+_OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
+_COMMANDS = *_OF_SCENES, *_OF_EVENTS
+_GROUPS = {
+    rig: (rig.page, rig.render, rig.intrinsics, rig.detect, rig.solve, rig.crop, rig.evaluate),
+    train: (train.reconstruction, train.flow, train.card),
+}
 
 
 def command_names() -> list[str]:
@@ -85,20 +70,19 @@ def run() -> None:
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
     try:
         if sys.argv[1:] == ["--version"]:
-            terminal.out.print(_version(), soft_wrap=True, highlight=False)
+            from tasks.provenance import code
+
+            terminal.say(f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}")
             return
         app = commands(_COMMANDS, overview=overview)
         for group, inner in _GROUPS.items():
             named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])
-            app.command(
-                commands(inner, overview=overview or named), name=_name(group), help=group.__doc__
-            )
-        code = app.cli(
+            nested = commands(inner, overview=overview or named)
+            app.command(nested, name=_name(group), help=group.__doc__)
+        status = app.cli(
             prog="eres",
             config=(DisallowNone, FlagCreatePairsOff),
-            description="Which event-camera resolution serves a task best, at what bandwidth? "
-            "Renders HDR radiance, turns it into events at any resolution, and scores what can "
-            "be done with them. `eres --version` prints the version.",
+            description=wrapped(_DESCRIPTION),
         )
     except UsageError as error:
         _fail(str(error), 2)
@@ -111,13 +95,7 @@ def run() -> None:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}")
     except MemoryError as error:
         _fail(f"out of memory: {error}; choose a lower resolution")
-    sys.exit(code or 0)
-
-
-def _version() -> str:
-    from tasks.provenance import code
-
-    return f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}"
+    sys.exit(status or 0)
 
 
 def _fail(text: str, code: int = 1) -> None:

@@ -24,22 +24,18 @@ def to_rich(table: ComparisonTable, base: BaseSpeeds = PACKAGED) -> rich.console
     -------
     The table with title and footnote.
     """
+    columns = [column for column in table.columns if column.in_terminal]
     parts: list[rich.console.RenderableType] = [Text(table.title, "bold")]
     for block in table.blocks:
         parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed, base)}", "italic")]
-        parts += [_rich_block(block, table)]
-    note = table.footnote(_columns(table))
+        parts += [_rich_block(block, table, columns)]
+    note = table.footnote(columns)
     return rich.console.Group(*parts, Text(f"\n{note}", "dim"))
 
 
-def _columns(table: ComparisonTable) -> list[Column]:
-    return [column for column in table.columns if column.in_terminal]
-
-
-def _rich_block(block: Block, table: ComparisonTable) -> Table:
+def _rich_block(block: Block, table: ComparisonTable, columns: list[Column]) -> Table:
     shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
-    columns = _columns(table)
     for cutoff_hz in table.cutoffs_hz:
         for column in columns:
             head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head
@@ -52,9 +48,9 @@ def _rich_block(block: Block, table: ComparisonTable) -> Table:
                 "ours": _style(entry.best, entry.enough, entry.beats_nothing is False),
                 "paper": _style(entry.paper_best, entry.paper_enough, False),
             }
-            cells += [
-                Text(c.text(table.series, entry, line), styles.get(c.kind, "")) for c in columns
-            ]
+            for column in columns:
+                text = column.text(table.series, entry, line)
+                cells.append(Text(text, styles.get(column.kind, "")))
         shown.add_row(*cells)
     return shown
 

@@ -28,17 +28,14 @@ class _AtEachCutoff(CameraOptions):
     resolution
         Side of a square, plain sensor, px.
     cutoffs
-        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels; by default that of the
+        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels. By default that of the
         sensor, or inf.
     threshold_deviation
-        Standard deviation of the contrast threshold over the sequences, log units; its mean is
-        that of the sensor.
+        Standard deviation of the contrast threshold over the sequences, log units. Its mean is the
+        threshold of the sensor.
     """
 
-    cutoffs: Annotated[
-        tuple[float, ...] | None,
-        arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
-    ] = None
+    cutoffs: Annotated[tuple[float, ...] | None, arg(metavar="FLOAT [FLOAT ...]")] = None
     threshold_deviation: float = 0.03
 
     cutoff: Suppress[Fixed[float | None]] = None
@@ -79,8 +76,8 @@ def dataset(
 
     Each sequence is a folder: frames of linear radiance, the scene, and for each cutoff a DSEC file
     of events with the truth. `tasks.datasets.EventDataset` reads them. Surfaces glow with a fixed
-    texture: there are no shadows. The same command continues after an interruption, and with a
-    higher count adds sequences; sequence k depends only on the seed and on k.
+    texture, so there are no shadows. The same command continues after an interruption, and with a
+    higher --count adds sequences. Sequence k depends only on the seed and on k.
 
     Parameters
     ----------
@@ -97,18 +94,17 @@ def dataset(
     truth
         Time from one ground truth to the next, seconds.
     warm_up
-        How long the sensor sees the scene before a sequence starts, seconds: enough for 25 Hz. A
-        slower cutoff needs 6 / (2 pi f) seconds.
+        How long the sensor sees the scene before a sequence starts, seconds. The default is enough
+        for 25 Hz; a lower cutoff f needs 6 / (2 pi f).
     stereo
-        Add a second camera this far to the right, meters; its data are in each sequence's folder
-        right.
+        Add a second camera this far to the right, meters. Its data are in the folder `right` of
+        each sequence.
     images
         Also take images with a frame camera, at this rate, Hz.
     scheduler
-        Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
-        OUT under the same path.
+        Address of a Dask scheduler, tcp://HOST:PORT, whose workers make the sequences. All of them
+        must see OUT under the same path.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.generation.dataset import make_dataset
     from tasks.generation.settings import DatasetSettings
 
@@ -135,9 +131,8 @@ def dataset(
             warm_up_s=warm_up,
         )
     except TaskError as error:
-        name, colon, found = str(error).partition(":")
-        raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{found}") from error
-    with progress_bar(terminal.err) as on_progress:
+        name, colon, rest = str(error).partition(":")
+        raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{rest}") from error
+    with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
-    made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"
-    terminal.out.print(f"{out}: {made}", soft_wrap=True)
+    terminal.say(f"{out}: {len(folders)} sequence{'s' * (len(folders) != 1)}")

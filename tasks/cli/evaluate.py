@@ -22,16 +22,12 @@ from tasks.registry import TASKS
 from tasks.row import Row
 
 _SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
-_USUAL_WIDTH = 346
 
 
 def evaluate(
     source: Annotated[
         Positional[Path],
-        arg(
-            metavar="SOURCE",
-            help="folder of a clip or continuous sequence, or file of events",
-        ),
+        arg(metavar="SOURCE", help="folder of a clip or continuous sequence, or file of events"),
     ],
     task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
@@ -46,51 +42,68 @@ def evaluate(
     """Score methods on a simulated sensor or on a recording.
 
     The sensor sees one rendered sequence; by default it is plain and 346 px wide. The first line
-    printed is what the simulation assumes. A recording is a file of events of any format. On a
-    recording, optical flow starts from zero, and its score is the distance from corners tracked in
-    frames or, without frames, how much it sharpens the events. Images are compared with the frames.
-    --threshold is then that of the recording; by default that of its file, or fitted to its frames
-    if a method uses it. No other option of a camera is for recordings.
+    printed is what the simulation assumes.
+
+    A recording is a file of events of any format. Its images are compared with the frames. Its
+    optical flow is searched from zero, and scored by the distance from corners tracked in the
+    frames or, without frames, by how much it sharpens the events. Of the camera options only
+    --threshold applies to a recording; by default it is that of the file, or fitted to the frames
+    if a method uses it.
 
     Parameters
     ----------
     method
-        Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task that can run, except
-        diagnostics and networks without --weights.
+        Names (`eres methods` lists them), or your own functions as package.module:function. By
+        default all methods of the task that can run, except diagnostics and networks without
+        --weights.
     speed
         Factor on the speed of the rendered sequence.
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format
-        Format of a file of events, as for `eres info`, instead of what its extension says.
+        Format of a file of events, as for `eres info`.
     """
+    from tasks.methods.networks import named_weights
+    from tasks.recording.evaluate import evaluate_recording
+    from tasks.recording.recording import open_recording
+
+    files = named_weights(weights, method or TASKS[task].networks)
     if source.is_file():
         given = {**camera.given} | ({} if speed is None else {"speed": speed})
         threshold = given.pop("threshold", None)
-        for name, value in given.items():
-            raise TaskError(
-                f"{source}: found a recording with --{name.replace('_', '-')} {value}, expected it "
-                "only for a rendered sequence, on which a sensor is simulated"
+        if given:
+            options = ", ".join(f"--{name.replace('_', '-')} {given[name]}" for name in given)
+            raise TaskError(f"{source}: is a recording; {options} needs a rendered sequence")
+        shift_us, opened = frames.shift_us, frames.open_frames()
+        recording = open_recording(source, format=format, reading=reading)
+        with terminal.progress() as on_progress:
+            evaluation = evaluate_recording(
+                recording,
+                task,
+                frames=opened,
+                methods=method,
+                shift_us=shift_us,
+                contrast_threshold=threshold,
+                flow=flow,
+                weights=files,
+                on_progress=on_progress,
             )
-        _evaluate_recording(source, task, method, threshold, weights, format, reading, frames, flow)
+        _print_scores(evaluation.rows, "method", "metric")
+        rate = f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording"
+        terminal.say(*evaluation.notes, rate)
         return
     if not source.exists():
-        raise TaskError(f"{source}: found neither a file of events nor a folder of a sequence")
+        raise TaskError(f"{source}: no such file of events or folder of a sequence")
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
-        raise TaskError(
-            f"{source}: found a folder with options of recordings, expected a file of events"
-        )
+        raise TaskError(f"{source}: is a folder; --format, frame and flow options need a recording")
     from eres_render import open_sequence
-    from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.sequence import evaluate_sequence
-    from tasks.methods.networks import named_weights
 
     sequence = open_sequence(source)
     size = sequence.manifest.width, sequence.manifest.height
-    chosen = camera.camera(*size, usual_width=_USUAL_WIDTH)
-    terminal.out.print(chosen.assumptions(**camera.light), soft_wrap=True, highlight=False)
-    with progress_bar(terminal.err) as on_progress:
+    chosen = camera.camera(*size, usual_width=346)
+    terminal.say(chosen.assumptions(**camera.light))
+    with terminal.progress() as on_progress:
         rows = evaluate_sequence(
             sequence,
             task,
@@ -98,48 +111,12 @@ def evaluate(
             camera=chosen,
             **camera.light,
             speed=1.0 if speed is None else speed,
-            weights=named_weights(weights, method or TASKS[task].networks),
+            weights=files,
             on_progress=on_progress,
         )
     _print_scores(rows, "method", "variant", "metric")
     lost = f", of which the bus lost {100 * rows[0].dropped:.3g} %" if chosen.bus else ""
-    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window{lost}")
-
-
-def _evaluate_recording(
-    path: Path,
-    task: str,
-    methods: tuple[str, ...],
-    threshold: float | None,
-    weights: tuple[str, ...],
-    format: str | None,
-    reading: ReadOptions,
-    frame_options: FrameOptions,
-    flow: FlowOptions,
-) -> None:
-    from tasks.cli.progress_bar import progress_bar
-    from tasks.methods.networks import named_weights
-    from tasks.recording.evaluate import evaluate_recording
-    from tasks.recording.recording import open_recording
-
-    shift_us, frames = frame_options.shift_us, frame_options.open_frames()
-    recording = open_recording(path, format=format, reading=reading)
-    with progress_bar(terminal.err) as on_progress:
-        found = evaluate_recording(
-            recording,
-            task,
-            frames=frames,
-            methods=methods,
-            shift_us=shift_us,
-            contrast_threshold=threshold,
-            flow=flow,
-            weights=named_weights(weights, methods or TASKS[task].networks),
-            on_progress=on_progress,
-        )
-    _print_scores(found.rows, "method", "metric")
-    for note in found.notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording")
+    terminal.say(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window{lost}")
 
 
 def _print_scores(rows: Sequence[Row], *fields: str) -> None:
@@ -153,4 +130,4 @@ def _print_scores(rows: Sequence[Row], *fields: str) -> None:
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)
         table.add_row(*names, f"{median:.3f}", metric, str(len(scored)), str(failed))
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

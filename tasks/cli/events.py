@@ -1,23 +1,24 @@
-"""Commands for files of events: simulate, convert."""
+"""Commands for files of events: simulate, convert, describe, look at, turn into images."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import WeightsFiles, require, several
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
-from tasks.errors import TaskError
+from tasks.errors import TaskError, UsageError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, ReadOptions
-
-if TYPE_CHECKING:
-    from sensor import ReadoutReport
+from tasks.recording.options import USUAL_VIDEO, VideoOptions
+from tasks.view.look import ALL_OF_IT, Look
 
 
 def simulate(
@@ -38,10 +39,12 @@ def simulate(
     """Simulate a sensor on frames, and write its events.
 
     The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. A sensor
-    whose shape differs from theirs sees their center; without --sensor and --resolution it has the
-    size of footage. The first line printed is what the simulation assumes. The file includes the
-    events of a clip's warm-up and, if its format can hold them, the start and end of its window,
-    the sensor, the seed and that line.
+    of another aspect ratio sees their center. Without --sensor and --resolution, the sensor has the
+    size of the video or the images; a clip needs one of the options.
+
+    The first line printed states what the simulation assumes. The file includes the events of a
+    clip's warm-up. If its format can, it also stores the start and end of the window, the sensor,
+    the seed and that line.
 
     Parameters
     ----------
@@ -52,30 +55,29 @@ def simulate(
     seed
         Seed of everything random in the sensor.
     format
-        dsec, evt3, evt2, npz or text, instead of what the extension says.
+        Format of the file: dsec, evt3, evt2, npz or text. By default its extension decides.
     truth
-        Add true depth, flow and poses to a DSEC file, this many seconds of the sequence's time
-        apart.
+        Add true depth, flow and poses to a DSEC file, at this interval in the sequence's time,
+        seconds.
     overwrite
         Replace an existing file.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.footage_simulation import simulate_footage
     from tasks.events.simulation import SimulationOptions, simulate_sequence, warn_of_fill_factor
     from tasks.footage import Footage
 
     frames = open_source_frames(path, footage)
-    simulate_frames: Callable[..., tuple[int, ReadoutReport | None]]
+    simulate_frames: Any
     if isinstance(frames, Footage):
-        if truth is not None:
-            raise TaskError(f"{path}: found footage, whose truth is unknown; leave out --truth")
-        if imu.imu is not None:
-            raise TaskError(f"{path}: found footage, whose path is unknown; leave out --imu")
+        for name, value in (("truth", truth), ("imu", imu.imu)):
+            if value is not None:
+                raise TaskError(f"{path}: --{name} needs a rendered clip, found footage")
         simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
+        usual_width = frames.width
     else:
         simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth, imu=imu)
-    usual = frames.width if isinstance(frames, Footage) else None
-    chosen = camera.camera(frames.width, frames.height, usual_width=usual)
+        usual_width = None
+    chosen = camera.camera(frames.width, frames.height, usual_width=usual_width)
     model = chosen.model(**camera.light, white=frames.white_level)
     warn_of_fill_factor(frames, model)
     assumes = chosen.assumptions(**camera.light)
@@ -88,12 +90,12 @@ def simulate(
         format=format,
         overwrite=overwrite,
     )
-    terminal.out.print(assumes, soft_wrap=True, highlight=False)
-    with progress_bar(terminal.err) as on_progress:
+    terminal.say(assumes)
+    with terminal.progress() as on_progress:
         count, report = simulate_frames(model, out, options, on_progress=on_progress)
-    terminal.out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)
+    terminal.say(f"{out}: {count} events of {model.width}x{model.height} px")
     if report is not None:
-        terminal.out.print(f"bus: {report}", soft_wrap=True)
+        terminal.say(f"bus: {report}")
 
 
 def convert(
@@ -108,17 +110,17 @@ def convert(
 ) -> None:
     """Write a file of events in another format.
 
-    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also
-    csv (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag); your own as
-    package.module:Format. A warning names what OUT cannot hold; ground truth and IMU are kept from
-    DSEC to DSEC.
+    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). Only to read: csv
+    (.csv), aedat3 (.aedat), aedat4 (.aedat4), dat (.dat), es (.es) and bag (.bag). Your own:
+    package.module:Format. A warning names what OUT cannot hold. Ground truth and IMU data are
+    copied from DSEC to DSEC.
 
     Parameters
     ----------
     format
-        Format of OUT, instead of what its extension says; .raw is EVT3 by default.
+        Format of OUT. By default its extension decides, and .raw is EVT3.
     input_format
-        Format of IN, instead of what its extension or header says.
+        Format of IN. By default its extension or header decides.
     shift_us
         Add this to all times, microseconds.
     from_start
@@ -138,4 +140,168 @@ def convert(
         from_start=from_start,
         overwrite=overwrite,
     )
-    terminal.out.print(f"{out}: {count} events", soft_wrap=True)
+    terminal.say(f"{out}: {count} events")
+
+
+def info(
+    path: Annotated[
+        Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
+    ],
+    format: str | None = None,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+) -> None:
+    """Describe a radiance sequence or a file of events.
+
+    Parameters
+    ----------
+    format
+        Format of the file: dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or
+        package.module:Format. By default its extension or header decides.
+    """
+    if path.is_file():
+        from tasks.events.description import describe
+
+        terminal.show_pairs(describe(path, format=format, reading=reading))
+        return
+    from eres_render import SequenceError, open_sequence
+    from tasks.events.description import seconds
+
+    if not path.exists():
+        raise SequenceError(f"{path}: no such file or folder")
+    if (format, reading) != (None, AS_STORED):
+        raise SequenceError(f"{path}: is a folder; the given options are for files of events")
+    sequence = open_sequence(path)
+    manifest, camera = sequence.manifest, sequence.camera
+    start_s, end_s = sequence.window_s
+    length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
+    part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
+    clock = f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
+    pinhole = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    terms = {} if camera.distortion is None else dataclasses.asdict(camera.distortion)
+    pairs = {
+        "scene": f"{manifest.scene}, {part}",
+        "found at": sequence.scene_source,
+        "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
+        "camera": f"{_terms(pinhole)} px" if terms else "",
+        "lens": _terms(terms),
+        "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
+        "clock": clock if sequence.t_offset_us else "",
+        "window": f"{start_s:.4f} to {end_s:.4f} s",
+        "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
+        "moving objects": ", ".join(manifest.objects),
+        "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",
+        "samples per pixel": str(manifest.spp),
+        "motion per frame": f"at most {manifest.max_displacement_px:g} px",
+        "rendered by": f"Mitsuba {manifest.mitsuba}, {manifest.variant}, {manifest.integrator}",
+    }
+    terminal.show_pairs(pairs)
+
+
+def _terms(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.6g}" for name, value in values.items())
+
+
+def view(
+    sources: Annotated[
+        Positional[tuple[Path, ...]],
+        several("SOURCE...", "files of events, and folders of rendered clips"),
+    ],
+    out: Path | None = None,
+    rerun: bool = False,
+    over: Path | None = None,
+    show: Literal["frames", "depth", "flow"] = "frames",
+    format: str | None = None,
+    overwrite: bool = False,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+    look: OmitArgPrefixes[Look] = ALL_OF_IT,
+) -> None:
+    """Look at events and clips: video, picture, page or Rerun.
+
+    Several sources are shown side by side. The color of a pixel shows the sum of its polarities in
+    the window. The caption states the event rate and, if the file stores them, the size and cutoff
+    of the sensor.
+
+    Parameters
+    ----------
+    out
+        File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
+        without a network; .rrd, a recording for the Rerun viewer.
+    rerun
+        Open the Rerun viewer instead of writing a file (in a checkout: pip install '.[viewer]').
+    over
+        Draw the events over the frames of this rendered clip.
+    show
+        What to draw of rendered clips: their frames, or their true depth or optical flow.
+    format
+        Format of the files of events, as for `eres info`.
+    overwrite
+        Replace an existing file.
+    """
+    from tasks.view.view import view as write_view
+
+    require(sources, "source")
+    if rerun == (out is not None):
+        raise UsageError("give either --out FILE, such as events.mp4, or --rerun")
+    with terminal.progress() as on_progress:
+        write_view(
+            sources,
+            out,
+            look,
+            over=over,
+            show=show,
+            reading=reading,
+            format=format,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    if out is not None:
+        terminal.say(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+
+
+def video(
+    source: Annotated[Positional[Path], arg(metavar="EVENTS", help="file of events")],
+    out: Path,
+    calibration: Path | None = None,
+    weights: WeightsFiles = (),
+    format: str | None = None,
+    overwrite: bool = False,
+    image: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
+    reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+) -> None:
+    """Make images of a file of events, at regular times.
+
+    Writes PNG files, and timestamps.txt with their times. The high-pass filter needs seconds of
+    events to fill the image. Each image is stretched from its 1st percentile to its 99th.
+
+    Parameters
+    ----------
+    out
+        Folder of the images, new or with images of an earlier call.
+    calibration
+        File of the lens, fx fy cx cy k1 k2 p1 p2 k3; its distortion is removed from the images.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
+    format
+        Format of the file, as for `eres info`.
+    overwrite
+        Replace the images of an earlier call.
+    """
+    from tasks.methods.networks import named_weights
+    from tasks.recording.calibration import read_calibration
+    from tasks.recording.recording import open_recording
+    from tasks.recording.video import write_video
+
+    recording = open_recording(source, format=format, reading=reading)
+    lens = None if calibration is None else read_calibration(calibration, recording.size)
+    with terminal.progress() as on_progress:
+        count = write_video(
+            recording,
+            out,
+            image,
+            calibration=lens,
+            weights=named_weights(weights, [image.method]),
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    width, height = recording.size
+    terminal.say(f"{out}: {count} images of {width}x{height} px")

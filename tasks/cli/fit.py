@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -39,19 +40,19 @@ def fit(
 
     Writes a camera for `eres simulate --sensor`. Noise and hot pixels come from a stretch in which
     nothing moves; contrast thresholds and dark level from frames on the clock of the events; cutoff
-    and latency from steps of the light at known times, or from the motion between the frames. Each
-    number has a 95 % interval; if its end is open, the number is only a bound, which is not
+    and latency from steps of the light at known times, or from the motion between the frames.
+
+    Each number has a 95 % interval. If one end is open, the number is only a bound, which is not
     simulated. With frames or a crop, one half is held out: the fitted camera is simulated in its
-    light, and compared with its events.
+    light and compared with its events.
 
     Parameters
     ----------
     out
         The camera to write, a TOML file.
     sensor
-        Camera that the result completes: a name (`eres sensors` lists them), or a TOML file. Its
-        values stay where the recording shows none. By default a plain sensor of the recording's
-        size.
+        Camera to complete: a name (`eres sensors` lists them), or a TOML file. Its values stay
+        where the recording shows none. By default a plain sensor of the recording's size.
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
     crop
@@ -66,7 +67,7 @@ def fit(
         bright pixels fire in the same proportion as in the recording.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
-        one per line; or triggers, for the rising edges in the recording, triggers:1 for those on
+        one per line. Or triggers, for the rising edges in the recording; triggers:1 for those on
         channel 1.
     check
         Half of the frames or the crop to hold out of the fit and compare with a simulation: second
@@ -74,16 +75,14 @@ def fit(
     title
         Name of the sensor; by default that of --sensor or of the recording.
     format
-        Format of the recording, instead of what its extension or header says.
+        Format of the recording, as for `eres info`.
     overwrite
         Replace OUT if it exists.
     """
     from sensor.cameras import find_camera, plain_camera, write_camera
     from sensor.events import concatenate
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
-    from tasks.fitting.fit import Evidence
-    from tasks.fitting.fit import fit as fit_recording
+    from tasks.fitting import fit as fitting
     from tasks.fitting.steps import read_steps
     from tasks.origin import in_text
     from tasks.recording.clock import on_one_clock
@@ -95,120 +94,99 @@ def fit(
         raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
     check_new(out, overwrite, recording)
     if motion and frames.estimate_shift:
-        raise TaskError(
-            "motion, estimate-shift: found both, expected one of them; an estimated shift would "
-            "hide the latency"
-        )
-    seen = frames.frames is not None or crop is not None
+        raise TaskError("give either --motion or --estimate-shift, which would hide the latency")
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:
-        camera = open_recording(recording, format=format, reading=reading)
+        real = open_recording(recording, format=format, reading=reading)
         if shift_us == 0:
-            check_frames(camera, opened)
+            check_frames(real, opened)
         else:
-            opened = on_one_clock(camera, opened, shift_us, notes)
-    evidence = Evidence(
+            opened = on_one_clock(real, opened, shift_us, notes)
+    has_light = opened is not None or crop is not None
+    evidence = fitting.Evidence(
         still_s=still,
         frames=opened,
         light=None if crop is None else light_of_crop(crop),
         motion=motion,
         dark_share=dark,
         rises_us=None if steps is None else read_steps(steps, recording, format),
-        check=check or ("second" if seen else "none"),
+        check=check or ("second" if has_light else "none"),
     )
     events = concatenate(list(reading.parts(recording, format)))
     if not len(events):
-        raise TaskError(f"{recording}: found no events, expected some")
+        raise TaskError(f"{recording}: has no events")
     size = events.width, events.height
     known = plain_camera(*size) if sensor is None else find_camera(sensor)
-    if known.width is None:
-        known = known.on(*size)
+    known = known.on(*size) if known.width is None else known
     if known.size != size:
-        raise TaskError(
-            f"sensor: {sensor} has {known.width}x{known.height} px, and {recording} "
-            f"{size[0]}x{size[1]} px; give a camera of that size"
-        )
-    with progress_bar(terminal.err) as on_progress:
-        found = fit_recording(events, replace(evidence, camera=known), on_progress)
-    fitted = replace(
-        found.camera(known, in_text(recording.name)),
-        name=in_text(out.stem),
-        title=in_text(title or known.title or recording.name),
-    )
+        sizes = f"{known.width}x{known.height} px, and {recording} {size[0]}x{size[1]} px"
+        raise TaskError(f"sensor: {sensor} has {sizes}; give a camera of that size")
+    with terminal.progress() as on_progress:
+        estimates = fitting.fit(events, replace(evidence, camera=known), on_progress)
+    name, title = in_text(out.stem), in_text(title or known.title or recording.name)
+    fitted = replace(estimates.camera(known, in_text(recording.name)), name=name, title=title)
     write_camera(out, fitted, overwrite=overwrite)
-    _print_tables(found)
-    _print_remarks(found, known, shift_us if crop is None else None)
-    for note in notes:
-        terminal.out.print(note, soft_wrap=True, highlight=False)
-    terminal.out.print(fitted.assumptions(), soft_wrap=True, highlight=False)
-    terminal.out.print(f"{out}: {len(found.values(''))} values", soft_wrap=True)
+    _print_tables(estimates)
+    terminal.say(*_remarks(estimates, known, shift_us if crop is None else None))
+    terminal.say(*notes, fitted.assumptions(), f"{out}: {len(estimates.values(''))} values")
 
 
-def _print_tables(found: Found) -> None:
-    """Print what was found, the dark levels that were tried, and the held-out half."""
+def _print_tables(result: Found) -> None:
+    """Print the estimates, the dark levels that were tried, and the held-out half."""
     from tasks.fitting.check import BLOCKS
 
     table = Table("field", "value", "unit", box=None)
-    for name, (value, unit, _, _) in found.values("").items():
+    for name, (value, unit, _, _) in result.values("").items():
         table.add_row(name, str(value), unit)
-    terminal.out.print(table, crop=False)
-    if found.sweep:
+    terminal.show(table)
+    if result.sweep:
         columns = "dark level, % of white", "ON, log", "OFF, log", "spread over brightness, %"
         sweep = Table(*columns, box=None)
-        for (on, off, dark, *_), uneven in found.sweep:
+        for (on, off, dark, *_), uneven in result.sweep:
             sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
-        terminal.out.print(sweep, crop=False)
-    if (held_out := found.agreement) is not None:
-        start_s, end_s = (1e-6 * one for one in held_out.counted_us)
+        terminal.show(sweep)
+    if (held_out := result.agreement) is not None:
+        start_s, end_s = (1e-6 * t_us for t_us in held_out.counted_us)
         sides = "real", "simulated", "simulated / real"
         table = Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides, box=None)
-        counts = [(*one, sum(one)) for one in (held_out.real, held_out.simulated)]
+        counts = [(*signs, sum(signs)) for signs in (held_out.real, held_out.simulated)]
         names = "ON events", "OFF events", "events"
         for name, real, simulated in zip(names, *counts, strict=True):
             ratio = f"{simulated / real:.3f}" if real else ""
             table.add_row(name, str(real), str(simulated), ratio)
-        quartiles = ", ".join(f"{one:.2f}" for one in held_out.quartiles)
+        quartiles = ", ".join(f"{ratio:.2f}" for ratio in held_out.quartiles)
         table.add_row(f"the same in {BLOCKS} x {BLOCKS} blocks, quartiles", "", "", quartiles)
         real_us, simulated_us = held_out.real_us, held_out.simulated_us
         ms = f"{1e-3 * real_us:.3g}", f"{1e-3 * simulated_us:.3g}"
         table.add_row("median inter-event interval, ms", *ms, f"{simulated_us / real_us:.3f}")
-        terminal.out.print(table, crop=False)
+        terminal.show(table)
 
 
-def _print_remarks(found: Found, known: EventCamera, shift_us: int | None) -> None:
-    """Print what the values do not say; frames were shifted by `shift_us`."""
+def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterator[str]:
+    """Yield what the values do not say; frames were shifted by `shift_us`."""
     from tasks.recording.motion import NOISY
 
-    if found.dark is not None and found.dark.is_bound:
-        terminal.out.print(
-            f"the events bound the dark level, {found.dark} of white; the thresholds are those at "
-            f"{100 * known.dark_share:g} %",
-            soft_wrap=True,
+    dark, thresholds, motion = result.dark, result.thresholds, result.motion
+    if dark is not None and dark.is_bound:
+        share = f"{100 * known.dark_share:g} %"
+        yield f"dark level: only a bound, {dark} of white; the thresholds hold at {share}"
+    if thresholds is not None and thresholds.unexplained > NOISY:
+        yield (
+            f"the thresholds leave {100 * thresholds.unexplained:.0f} % of the change of the light "
+            "unexplained, and may be too low by as much: the light between frames is not known "
+            "well enough. More frames or slower motion help."
         )
-    if found.thresholds is not None and found.thresholds.unexplained > NOISY:
-        terminal.out.print(
-            f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
-            "light unexplained, and may be too low by as much: between frames it changes more than "
-            "they show; more frames, or slower motion, help",
-            soft_wrap=True,
-        )
-    if found.motion is not None:
-        terminal.out.print(
-            f"delay of slow changes: {found.motion.delay_s} s; "
-            f"{100 * found.motion.unexplained:.0f} % of the change of the light stays unexplained",
-            soft_wrap=True,
-        )
-        if found.motion.may_be_a_shift:
+    if motion is not None:
+        rest = f"{100 * motion.unexplained:.0f} % of the change of the light stays unexplained"
+        yield f"delay of slow changes: {motion.delay_s} s; {rest}"
+        if motion.may_be_a_shift:
             advice = ""
             if shift_us is not None:
-                option = f"--frames-shift-us {shift_us + round(found.motion.shift_us)}"
+                option = f"--frames-shift-us {shift_us + round(motion.shift_us)}"
                 advice = f": if it is one, {option} removes it"
-            terminal.out.print(f"{found.motion.shift_sentence()}{advice}", soft_wrap=True)
-    if found.response is not None:
-        early, middle, late = (1e6 * one for one in found.response.first_event_s)
-        terminal.out.print(
-            f"first event of a pixel after a step: {middle:.4g} us, for 90 % of them from "
-            f"{early:.4g} to {late:.4g} us",
-            soft_wrap=True,
-        )
+            yield f"{motion.shift_sentence()}{advice}"
+    if result.response is not None:
+        early, middle, late = (f"{1e6 * t_s:.4g}" for t_s in result.response.first_event_s)
+        usual = f"for 90 % of the pixels from {early} to {late} us"
+        yield f"first event of a pixel after a step: {middle} us, {usual}"

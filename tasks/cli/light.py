@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import ScenePath, SequenceFolder
 from tasks.cli.table import Table
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 
@@ -23,19 +24,17 @@ def bake(
     """Bake a scene's lightmaps into its folder.
 
     Writes them next to scene.xml. Without them, the first render bakes into the cache. Baking needs
-    LLVM or a GPU; machines without either can use lightmaps from the folder.
+    LLVM or a GPU; a machine without either can use the lightmaps in the folder.
     """
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
     from eres_render.rendering.lightmaps import bake_scene
-    from tasks.cli.progress_bar import progress_bar
 
-    found = load_scene(scene)
+    loaded = load_scene(scene)
     select_variant()
-    with progress_bar(terminal.err) as on_progress:
-        files = bake_scene(found, on_progress=on_progress)
-    for file in files:
-        terminal.out.print(str(file), soft_wrap=True)
+    with terminal.progress() as on_progress:
+        files = bake_scene(loaded, on_progress=on_progress)
+    terminal.say(*map(str, files))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,24 +70,18 @@ class View:
 
         sides = "resolution", "width", "height"
         given = [f"--{side}" for side in sides if getattr(self, side) is not None]
+        given += ["--camera"] if self.camera is not None else []
+        if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
+            known = "--resolution, or --width and --height, or --camera"
+            raise RenderError(f"size of the frames: found {' and '.join(given)}, expected {known}")
         if self.camera is not None:
-            if given:
-                raise RenderError(
-                    f"size of the frames: found --camera and {' and '.join(given)}, expected one "
-                    "of them; the file has the size"
-                )
             from eres_render.calibration import read_camera
 
             return read_camera(self.camera, self.camera_name)
         if self.camera_name is not None:
-            raise RenderError(f"--camera-name: found {self.camera_name!r}, expected --camera")
-        if self.width is None and self.height is None:
+            raise RenderError(f"--camera-name {self.camera_name} needs --camera")
+        if self.width is None or self.height is None:
             return scene.camera(1280 if self.resolution is None else self.resolution)
-        if self.width is None or self.height is None or self.resolution is not None:
-            raise RenderError(
-                f"size of the frames: found {' and '.join(given)}, expected --resolution for "
-                "square frames, or --width and --height"
-            )
         return scene.camera(self.width, self.height)
 
 
@@ -96,9 +89,7 @@ OF_THE_SCENE = View()
 
 
 def render(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
+    scene: ScenePath,
     out: Path,
     spp: int = 16,
     max_displacement: float = 0.5,
@@ -148,14 +139,13 @@ def render(
         changes none.
     """
     from eres_render import load_scene, render_scene
-    from tasks.cli.progress_bar import progress_bar
 
-    found = load_scene(scene, trajectory)
-    with progress_bar(terminal.err) as on_progress:
+    loaded = load_scene(scene, trajectory)
+    with terminal.progress() as on_progress:
         sequences = render_scene(
-            found,
+            loaded,
             out,
-            camera=view.camera_of(found),
+            camera=view.camera_of(loaded),
             spp=spp,
             seed=seed,
             integrator=integrator,
@@ -167,17 +157,10 @@ def render(
             on_progress=on_progress,
         )
     for sequence in sequences:
-        terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
+        terminal.say(f"{sequence.folder}: {len(sequence)} frames")
 
 
-def stereo(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
-    out: Path,
-    baseline: float,
-    trajectory: Path | None = None,
-) -> None:
+def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None = None) -> None:
     """Write the path of a second camera on the same rig.
 
     The second camera is to the right of the scene's. Give the path to `eres render --trajectory` to
@@ -207,13 +190,11 @@ def stereo(
     end_s = continuous_stretch(loaded).t_window_end_s  # refused if longer than one can render
     t_s, poses = second_camera(path, to_the_right(baseline), end_s)
     write_text(out, tum_text(t_s, poses, path.t_offset_us))
-    terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
+    terminal.say(f"{out}: {len(t_s)} poses")
 
 
 def truth(
-    sequence: Annotated[
-        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
-    ],
+    sequence: SequenceFolder,
     out: Path,
     width: int = 346,
     height: int | None = None,
@@ -223,8 +204,8 @@ def truth(
 ) -> None:
     """Write ground truth: depth, flow, visibility, objects, poses.
 
-    Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
-    the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
+    Depth is along the camera's axis, in meters (EXR channel Z). Flow is in pixels, from each time
+    to the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
     object at each pixel. Times run from the start of the window to its end.
 
     Parameters
@@ -234,38 +215,28 @@ def truth(
     width
         Width of the images, px; use that of the sensor.
     height
-        Height of the images, px, for a sensor of another shape than the frames, which sees the
-        center of them. By default the images show all of the frames.
+        Height of the images, px, for a sensor of another aspect ratio, which sees the center of the
+        frames. By default the images show all of the frames.
     step
-        Time from one image to the next, seconds; the last may be nearer, at the window's end.
+        Time from one image to the next, seconds. The last step may be shorter, to end with the
+        window.
     flow_png
         Write the flow as 16-bit PNG too, as in the DSEC dataset.
     overwrite
-        Replace ground truth in the folder; by default such a folder is refused.
+        Replace ground truth in the folder.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
-    from tasks.cli.progress_bar import progress_bar
 
     opened = open_sequence(sequence)
-    times_s = window_times(opened, step)
-    with progress_bar(terminal.err) as on_progress:
-        files = write_truth(
-            ground_truth(opened),
-            out,
-            times_s,
-            width,
-            height,
-            on_progress=on_progress,
-            flow_png=flow_png,
-            overwrite=overwrite,
-        )
-    terminal.out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
+    exact, times_s = ground_truth(opened), window_times(opened, step)
+    how = {"flow_png": flow_png, "overwrite": overwrite}
+    with terminal.progress() as on_progress:
+        files = write_truth(exact, out, times_s, width, height, **how, on_progress=on_progress)
+    terminal.say(f"{out}: {len(files)} files, {len(times_s)} times")
 
 
 def images(
-    sequence: Annotated[
-        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
-    ],
+    sequence: SequenceFolder,
     out: Path,
     rate: float = 30.0,
     speed: float = 1.0,
@@ -274,10 +245,10 @@ def images(
 ) -> None:
     """Take images with a frame camera along a sequence.
 
-    The images have exposure and noise, and are 8-bit gray PNG files. An image is the mean of the
-    rendered light over its exposure, encoded as sRGB; white is the sequence's white. frames.csv
-    has the start and end of each exposure on the events' clock, as --frames of other commands
-    reads them. Rates and exposures are in the events' time too.
+    Writes 8-bit gray PNG files. An image is the mean of the rendered light over its exposure, with
+    noise, encoded as sRGB; white is the sequence's white. frames.csv has the start and end of each
+    exposure on the events' clock, as --frames of other commands reads them. Rate and exposure are
+    in the events' time too.
 
     Parameters
     ----------
@@ -286,39 +257,28 @@ def images(
     rate
         Images per second.
     speed
-        Factor by which the scene moves faster than in the frames; that of `eres simulate`.
+        Factor by which the scene moves faster than in the frames, as in `eres simulate`.
     seed
         Seed of the noise.
     """
     from eres_render import open_sequence
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.frame_camera import write_images
 
-    with progress_bar(terminal.err) as on_progress:
+    clip = open_sequence(sequence)
+    with terminal.progress() as on_progress:
         count = write_images(
-            open_sequence(sequence),
-            out,
-            rate,
-            camera,
-            speed=speed,
-            seed=seed,
-            on_progress=on_progress,
+            clip, out, rate, camera, speed=speed, seed=seed, on_progress=on_progress
         )
-    terminal.out.print(f"{out}: {count} images", soft_wrap=True)
+    terminal.say(f"{out}: {count} images")
 
 
 def convergence(
-    scene: Annotated[
-        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
-    ],
-    resolution: int = 1280,
-    duration: float = 0.01,
-    trajectory: Path | None = None,
+    scene: ScenePath, resolution: int = 1280, duration: float = 0.01, trajectory: Path | None = None
 ) -> None:
     """Show how many samples and frames are enough for a scene.
 
-    Renders one stretch from the middle of the path with more and more samples, and with smaller and
-    smaller motion from frame to frame, each with random numbers common to all frames and with fresh
+    Renders one stretch in the middle of the path with more and more samples per pixel, and with
+    less and less motion per frame: once with the same random numbers in all frames, once with fresh
     ones. Prints the number of events of an ideal sensor at the frames' resolution, and the PSNR of
     event integration against the finest frames. Takes minutes at 1280 px on 2 cores.
 
@@ -332,21 +292,17 @@ def convergence(
         Poses in TUM's format in place of the scene's path.
     """
     from eres_render import load_scene
-    from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.convergence import converge
 
     table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
     finest: int | None = None
-    with progress_bar(terminal.err) as on_progress:
+    loaded = load_scene(scene, trajectory)
+    with terminal.progress() as on_progress:
         outcomes = converge(
-            load_scene(scene, trajectory),
-            resolution=resolution,
-            duration_s=duration,
-            on_progress=on_progress,
+            loaded, resolution=resolution, duration_s=duration, on_progress=on_progress
         )
         for outcome in outcomes:
-            finest = outcome.events if finest is None else finest
-            setting = outcome.setting
+            setting, finest = outcome.setting, finest or outcome.events
             table.add_row(
                 f"{setting.spp} spp",
                 f"{setting.max_displacement_px:g} px",
@@ -356,4 +312,4 @@ def convergence(
                 f"{100 * (outcome.events / finest - 1):+.1f} %" if finest else "",
                 f"{outcome.psnr_db:.2f} dB",
             )
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

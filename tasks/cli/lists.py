@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Column
+from rich.text import Text
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
@@ -29,9 +30,54 @@ def doctor() -> int:
 
     The exit code is 1 if no renderer works.
     """
-    from tasks.cli.doctor import diagnose
+    import importlib.util
+    import platform
+    import shutil
+    import sys
 
-    return diagnose(terminal.out)
+    from eres_render.cores import cores
+    from eres_render.rendering.backend import probe_variants
+    from eres_render.scene.load import scene_root
+    from eres_render.storage.cache import cache_dir
+    from tasks.provenance import versions
+
+    verdicts = probe_variants()
+    table = Table("Mitsuba variant", "works", "remark", box=None)
+    for verdict in verdicts:
+        mark = Text("yes", "green") if verdict.works else Text("no", "red")
+        remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
+        table.add_row(verdict.name, mark, remark)
+    terminal.show(table)
+    best = next((verdict.name for verdict in verdicts if verdict.works), None)
+    terminal.say(f"renders use: {best or 'nothing works'}\n")
+
+    cache = cache_dir()
+    free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
+    used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
+    specs = {name: importlib.util.find_spec(name) for name in ("eres_render", "sensor", "tasks")}
+    facts = {
+        "cores": str(cores()),
+        'sensor, device="cuda"': _sensor_on_a_gpu(),
+        "python": f"{platform.python_version()} at {sys.executable}",
+        **versions(),
+        **{f"import {n}": str(spec.origin if spec else "missing") for n, spec in specs.items()},
+        "scenes": str(scene_root()),
+        "cache": f"{cache}: {used / 1e9:.1f} GB used, {free / 1e9:.0f} GB free",
+    }
+    terminal.show_pairs(facts)
+    return 0 if best else 1
+
+
+def _sensor_on_a_gpu() -> str:
+    import numpy as np
+
+    from sensor import SensorError, SensorModel, simulate
+
+    try:
+        simulate(np.ones((1, 1, 1)), [0.0], SensorModel(width=1, height=1), device="cuda")
+    except SensorError as error:
+        return f"no: {str(error).partition('here: ')[2]}"
+    return "works"
 
 
 def scenes() -> None:
@@ -41,14 +87,10 @@ def scenes() -> None:
     table = Table("scene", "description", "camera speed", "length", "license", box=None)
     for name in list_scenes():
         scene = load_scene(name)
-        table.add_row(
-            name,
-            scene.settings.title,
-            f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s",
-            f"{scene.duration_s:g} s",
-            scene.settings.license,
-        )
-    terminal.out.print(table, crop=False)
+        speed = f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s"
+        settings, length = scene.settings, f"{scene.duration_s:g} s"
+        table.add_row(name, settings.title, speed, length, settings.license)
+    terminal.show(table)
 
 
 def sensors(
@@ -60,12 +102,12 @@ def sensors(
 ) -> None:
     """List event cameras.
 
-    With the name or the file of a camera, list its values with units, 95 % intervals and sources,
-    and the defaults of those that are not known.
+    With the name or the file of a camera, list its values with units, 95 % intervals and sources.
+    Unknown values show their defaults.
 
-    Columns: pixels; their pitch and the share of their area that is sensitive to light; contrast
-    thresholds of ON and OFF events; cutoff of the photoreceptor per lux, lent by another camera
-    where its own is not known; noise; and the capacity of the bus in million events per second.
+    Columns: pixels; their pitch; the light-sensitive share of their area; contrast thresholds of ON
+    and OFF events; cutoff of the photoreceptor per lux, lent by another camera if unknown; kinds of
+    noise; capacity of the bus in million events per second.
 
     Parameters
     ----------
@@ -85,10 +127,10 @@ def sensors(
         _show(find_camera(camera))
         return
     table = Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s", box=None)
-    for found in map(find_camera, camera_names()):
-        table.add_row(*_facts(found))
-    terminal.out.print(table, crop=False)
-    terminal.out.print(_LEGEND, highlight=False)
+    for each in map(find_camera, camera_names()):
+        table.add_row(*_facts(each))
+    terminal.show(table)
+    terminal.say(_LEGEND)
 
 
 def _facts(camera: EventCamera) -> Iterator[str]:
@@ -97,22 +139,17 @@ def _facts(camera: EventCamera) -> Iterator[str]:
     yield "-" if camera.width is None else f"{camera.width}x{camera.height}"
     yield "-" if camera.pitch_um is None else f"{camera.pitch_um:g}"
     yield "-" if camera.fill_factor is None else f"{100 * camera.fill_factor:g} %"
+    threshold = "-"
     if camera.states("threshold"):
         on, off = camera.contrast_threshold, camera.contrast_threshold_off
-        rise, fall = (
-            f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -(on if off is None else off))
-        )
+        off = on if off is None else off
+        rise, fall = (f"{100 * abs(math.expm1(c)):.3g}" for c in (on, -off))
         smallest = camera.sources["threshold"].kind == "smallest"
-        yield (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
-    else:
-        yield "-"
+        threshold = (rise if rise == fall else f"{rise}/{fall}") + (" min" if smallest else "")
+    yield threshold
     ends = {f"{replace(camera, area_exponent=g).cutoff_at(1.0):.2g}" for g in (0.0, 1.0)}
     yield "-".join(sorted(ends, key=float)) + (" lent" if camera.borrows_cutoff else "")
-    noise = {
-        "leak": camera.leak_hz,
-        "shot": camera.shot_noise_hz,
-        "hot": camera.hot_pixel_fraction,
-    }
+    noise = {"leak": camera.leak_hz, "shot": camera.shot_noise_hz, "hot": camera.hot_pixel_fraction}
     yield ", ".join(kind for kind, amount in noise.items() if amount) or "-"
     yield "-" if camera.bus is None else f"{camera.bus_hz / 1e6:g}"
 
@@ -124,24 +161,23 @@ def _show(camera: EventCamera) -> None:
 
     year = str(camera.year) if camera.year else ""
     about = camera.title or camera.name, year, camera.interface
-    terminal.out.print(", ".join(filter(None, about)), highlight=False)
+    terminal.say(", ".join(filter(None, about)))
     table = Table("field", "value", "unit", "95 % interval", "kind", "source", box=None)
     for name, key in KEYS.items():
         if key.part == "name":
             continue
-        found, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
-        interval = (source and source.interval) or ()
-        value, unit, ends = in_unit(key, found, interval)
+        stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
+        value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
         text = "-" if value is None else f"{value:.4g}" if key.kind == "number" else str(value)
         table.add_row(
             name,
             text.lower() if key.kind == "flag" else text,
             "" if unit == "1" else unit,
             " to ".join(f"{end:.4g}" for end in ends),
-            source.kind if source else "" if found is None else "default",
+            source.kind if source else "" if stored is None else "default",
             source.text if source else "",
         )
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
 
 
 def methods() -> None:
@@ -157,4 +193,4 @@ def methods() -> None:
             if method.network:
                 note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
             table.add_row(task, name, method.place, note)
-    terminal.out.print(table, crop=False)
+    terminal.show(table)

@@ -76,13 +76,13 @@ class _Stopping:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
 
-    def _unraisable(self, found: Any) -> None:
+    def _unraisable(self, dropped: Any) -> None:
         """Send a signal again that came where Python drops exceptions.
 
         Such are finalizers, and what Numba's compiler calls from C.
         """
-        if self.number is None or not isinstance(found.exc_value, KeyboardInterrupt):
-            self._report(found)
+        if self.number is None or not isinstance(dropped.exc_value, KeyboardInterrupt):
+            self._report(dropped)
             return
         number, self.number = self.number, None
         send: Callable[[int], None] = signal.raise_signal

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import timedelta
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
 from eres_render.progress import Progress as OnProgress
 
@@ -22,13 +22,7 @@ def progress_bar(console: Console) -> Iterator[OnProgress]:
     if not console.is_terminal:
         yield _Lines(console)
         return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
+    columns = "{task.description}", BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 
@@ -47,24 +41,21 @@ class _Lines:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._start_s = self._printed_s = time.monotonic()
-        self._found = self._done = 0.0
+        self._start = self._done = 0.0
         self._total: float | None = None
 
     def __call__(self, stage: str, done: float, total: float, /) -> None:
         now_s = time.monotonic()
         if total != self._total or done < self._done:  # another stage has another pace
-            self._total, self._found, self._start_s = total, done, now_s
+            self._total, self._start, self._start_s = total, done, now_s
         self._done = done
         if now_s - self._printed_s < _LINE_EVERY_S:
             return
         self._printed_s = now_s
         elapsed_s = now_s - self._start_s
-        line = f"{stage}: {_clock(elapsed_s)} elapsed"
-        reached, whole = done - self._found, total - self._found
+        line = f"{stage}: {timedelta(seconds=round(elapsed_s))} elapsed"
+        reached, whole = done - self._start, total - self._start
         if reached > _MIN_DONE * whole:
-            line += f", {_clock(elapsed_s * (whole / reached - 1))} left"
+            left_s = elapsed_s * (whole / reached - 1)
+            line += f", {timedelta(seconds=round(left_s))} left"
         self._console.print(line, soft_wrap=True)
-
-
-def _clock(seconds: float) -> str:
-    return str(timedelta(seconds=round(seconds)))

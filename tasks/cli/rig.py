@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import require, several
 from tasks.cli.table import Table
-from tasks.errors import UsageError
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
-_Recording = Annotated[
-    Positional[Path], arg(metavar="RECORDING", help="folder of a recording of the rig")
-]
 _Recordings = Annotated[
     Positional[tuple[Path, ...]],
-    arg(
-        metavar="RECORDINGS",
-        help="folders of recordings, one for each distance",
-        help_behavior_hint="(required)",
-    ),
+    several("RECORDINGS", "folders of recordings, one for each distance"),
 ]
 
 
@@ -40,31 +33,22 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
         Replace existing files.
     """
     from tasks.events.overwriting import check_new
-    from tasks.rig.page import (
-        FILE_NAME,
-        IMAGE_NAME,
-        check_print,
-        draw,
-        lay_out,
-        write_page,
-        write_print,
-    )
+    from tasks.rig import page as pages
     from tasks.rig.settings import read_rig
 
     settings = read_rig(rig).page
-    check_print(out)
-    files = {out, out.with_name(FILE_NAME), out.with_name(IMAGE_NAME)}
-    for file in files:
+    pages.check_print(out)
+    numbers, image = out.with_name(pages.FILE_NAME), out.with_name(pages.IMAGE_NAME)
+    for file in {out, numbers, image}:
         check_new(file, overwrite)
-    found = lay_out(settings)
-    image = draw(found, settings, rig.parent)
-    for file in sorted({out, out.with_name(IMAGE_NAME)}):
-        write_print(file, image, found, overwrite=overwrite)
-    write_page(out.with_name(FILE_NAME), found, overwrite=overwrite)
-    terminal.out.print(
-        f"{out}: {found.width_m * 100:.1f} x {found.height_m * 100:.1f} cm, "
-        f"{len(found.markers_m)} markers of {found.marker_m * 1e3:.2f} mm",
-        soft_wrap=True,
+    layout = pages.lay_out(settings)
+    codes = pages.draw(layout, settings, rig.parent)
+    for file in sorted({out, image}):
+        pages.write_print(file, codes, layout, overwrite=overwrite)
+    pages.write_page(numbers, layout, overwrite=overwrite)
+    terminal.say(
+        f"{out}: {layout.width_m * 100:.1f} x {layout.height_m * 100:.1f} cm, "
+        f"{len(layout.markers_m)} markers of {layout.marker_m * 1e3:.2f} mm"
     )
 
 
@@ -103,11 +87,10 @@ def render(
     seed
         Seed of the rendered samples and of the image noise.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.frame_camera_options import FrameCameraOptions
     from tasks.rig.virtual import render_rig
 
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         light = render_rig(
             rig,
             out,
@@ -119,17 +102,13 @@ def render(
             seed=seed,
             on_progress=on_progress,
         )
-    terminal.out.print(f"{light.folder}: {len(light)} frames", soft_wrap=True)
+    terminal.say(f"{light.folder}: {len(light)} frames")
 
 
 def intrinsics(
     recordings: Annotated[
         Positional[tuple[Path, ...]],
-        arg(
-            metavar="EVENTS...",
-            help="files of events, one for each view of the board",
-            help_behavior_hint="(required)",
-        ),
+        several("EVENTS...", "files of events, one for each view of the board"),
     ],
     out: Path,
     board: tuple[int, int],
@@ -156,31 +135,26 @@ def intrinsics(
         Replace an existing file.
     """
     from eres_render.calibration import write_camera
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
-    from tasks.rig.intrinsics import Board
-    from tasks.rig.intrinsics import intrinsics as calibrate
+    from tasks.rig import intrinsics as lens
 
-    if not recordings:
-        raise UsageError("intrinsics: found no file, expected files of events, one for each view")
+    require(recordings, "file of events")
     check_new(out, overwrite, *recordings)
-    with progress_bar(terminal.err) as on_progress:
-        found = calibrate(
-            list(recordings), Board(*board, square), size=size, on_progress=on_progress
-        )
-    write_camera(out, found.camera, overwrite=overwrite)
-    terminal.out.print(
-        f"{out}: {len(found.views)} of {len(recordings)} views, rms {found.rms_px:.2f} px",
-        soft_wrap=True,
-    )
-    lens = found.camera.distortion
-    for name, sigma in found.sigmas.items():
-        value = getattr(found.camera if name[0] in "fc" else lens, name, 0.0)
-        terminal.out.print(f"{name}: {value:.4g} +- {sigma:.2g}", highlight=False)
+    with terminal.progress() as on_progress:
+        chessboard = lens.Board(*board, square)
+        result = lens.intrinsics([*recordings], chessboard, size=size, on_progress=on_progress)
+    camera, views = result.camera, f"{len(result.views)} of {len(recordings)} views"
+    write_camera(out, camera, overwrite=overwrite)
+    terminal.say(f"{out}: {views}, rms {result.rms_px:.2f} px")
+    for name, sigma in result.sigmas.items():
+        value = getattr(camera if name[0] in "fc" else camera.distortion, name, 0.0)
+        terminal.say(f"{name}: {value:.4g} +- {sigma:.2g}")
 
 
 def detect(
-    recording: _Recording,
+    recording: Annotated[
+        Positional[Path], arg(metavar="RECORDING", help="folder of a recording of the rig")
+    ],
     out: Path,
     source: Literal["frame", "hf", "ei"] = "hf",
     images: int = 20,
@@ -215,15 +189,14 @@ def detect(
     overwrite
         Replace an existing file.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
     from tasks.rig.detect import detect as find
     from tasks.rig.markers import write_detections
     from tasks.rig.recording import open_rig_recording, recorded_files
 
     check_new(out, overwrite, recording, *recorded_files(recording))
-    with progress_bar(terminal.err) as on_progress:
-        found = find(
+    with terminal.progress() as on_progress:
+        detections = find(
             open_rig_recording(recording),
             source,
             images=images,
@@ -233,11 +206,9 @@ def detect(
             refinement=refinement,
             on_progress=on_progress,
         )
-    write_detections(out, found, overwrite=overwrite)
-    terminal.out.print(
-        f"{out}: {len(found.t_us)} markers in {len(set(found.t_us.tolist()))} images",
-        soft_wrap=True,
-    )
+    write_detections(out, detections, overwrite=overwrite)
+    t_us = detections.t_us.tolist()
+    terminal.say(f"{out}: {len(t_us)} markers in {len({*t_us})} images")
 
 
 def solve(
@@ -281,33 +252,30 @@ def solve(
     from tasks.rig.markers import read_detections
     from tasks.rig.recording import open_rig_recording, recorded_files
 
-    if not recordings:
-        raise UsageError("solve: found no recording, expected at least one folder")
+    require(recordings, "recording")
     for folder in recordings:
         check_new(out, overwrite, folder / corners, *recorded_files(folder))
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
     opened = [open_rig_recording(folder) for folder in recordings]
     solved = [
-        solve_recording(one, read_detections(one.folder / corners), unknowns, max_rms)
-        for one in opened
+        solve_recording(recording, read_detections(recording.folder / corners), unknowns, max_rms)
+        for recording in opened
     ]
     write_calibration(out, solved, overwrite=overwrite)
     table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
-    for one in solved:
-        used = f"{one.inliers} of {one.markers} in {one.images} images"
-        estimates = f"{one.latency_ms:.3f} ms", f"{one.pose.scale:.5f}"
-        bias = f"{one.corner_bias_px:.3f} px"
-        table.add_row(Path(one.recording).name, used, f"{one.rms_px:.3f} px", *estimates, bias)
-    terminal.out.print(table, crop=False)
-    for recording, one in zip(opened, solved, strict=True):
-        truth = read_truth(recording)
-        if truth is not None:
-            errors = compare(one.pose.pose(), truth, recording.camera, one.x_m)
-            terminal.out.print(
+    for result in solved:
+        markers = f"{result.inliers} of {result.markers} in {result.images} images"
+        delay, factor = f"{result.latency_ms:.3f} ms", f"{result.pose.scale:.5f}"
+        rms, bias = (f"{px:.3f} px" for px in (result.rms_px, result.corner_bias_px))
+        table.add_row(Path(result.recording).name, markers, rms, delay, factor, bias)
+    terminal.show(table)
+    for recording, result in zip(opened, solved, strict=True):
+        if (truth := read_truth(recording)) is not None:
+            errors = compare(result.pose.pose(), truth, recording.camera, result.x_m)
+            terminal.say(
                 f"{recording.folder.name}, against the truth: position {errors.position_mm:.3f} "
                 f"mm, turn {1e3 * errors.turn_deg:.1f} mdeg, image {errors.image_px:.4f} px, flow "
-                f"{errors.flow_px:.4f} px in 6 mm",
-                soft_wrap=True,
+                f"{errors.flow_px:.4f} px in 6 mm"
             )
 
 
@@ -326,37 +294,24 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     overwrite
         Replace existing files.
     """
-    from tasks.cli.progress_bar import progress_bar
+    from tasks.rig import crop as crops
     from tasks.rig.calibration import read_rig_calibration
-    from tasks.rig.crop import crop as cut
-    from tasks.rig.crop import read_crop
     from tasks.rig.recording import open_rig_recording
 
-    if not recordings:
-        raise UsageError("crop: found no recording, expected at least one folder")
-    with progress_bar(terminal.err) as on_progress:
-        folders = cut(
-            [open_rig_recording(folder) for folder in recordings],
-            read_rig_calibration(calibration),
-            out,
-            overwrite=overwrite,
-            on_progress=on_progress,
-        )
+    require(recordings, "recording")
+    opened = [open_rig_recording(folder) for folder in recordings]
+    solved = read_rig_calibration(calibration)
+    with terminal.progress() as on_progress:
+        folders = crops.crop(opened, solved, out, overwrite=overwrite, on_progress=on_progress)
     for folder in folders:
-        box = read_crop(folder).box
-        terminal.out.print(
-            f"{folder}: {box.width}x{box.height} px from ({box.left}, {box.top})", soft_wrap=True
-        )
+        box = crops.read_crop(folder).box
+        terminal.say(f"{folder}: {box.width}x{box.height} px from ({box.left}, {box.top})")
 
 
 def evaluate(
     crops: Annotated[
         Positional[tuple[Path, ...]],
-        arg(
-            metavar="CROPS",
-            help="folders of `eres rig crop`, one for each print",
-            help_behavior_hint="(required)",
-        ),
+        several("CROPS", "folders of `eres rig crop`, one for each print"),
     ],
     out: Path,
     tasks: tuple[Literal["flow", "video", "tracking"], ...] = ("flow", "video", "tracking"),
@@ -399,21 +354,21 @@ def evaluate(
     overwrite
         Replace an existing file.
     """
-    from dataclasses import asdict, replace
+    from collections import Counter
+    from dataclasses import asdict
     from statistics import median
 
-    from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
     from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
     from tasks.study.run.recorded import check_recorded, write_recorded
 
-    if not crops:
-        raise UsageError("evaluate: found no folder, expected those of `eres rig crop`")
+    require(crops, "crop")
     file = out / "rows.parquet"
     check_new(file, overwrite)
     check_recorded(out)
+    left_out: dict[str, Any] = dict.fromkeys({"flow", "video", "tracking"} - {*tasks}, ())
     settings = RigEvaluation(
         places=places,
         travel_m=travel,
@@ -421,14 +376,9 @@ def evaluate(
         cutoff_hz=cutoff,
         initial_sigma_mm=initial_sigma_mm,
         seed=seed,
+        **left_out,
     )
-    settings = replace(
-        settings,
-        flow=settings.flow if "flow" in tasks else (),
-        video=settings.video if "video" in tasks else (),
-        tracking=settings.tracking if "tracking" in tasks else (),
-    )
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         rows = evaluate_rig(crops, settings, on_progress=on_progress)
     check_new(file, overwrite)  # again: one may have appeared meanwhile
     file.unlink(missing_ok=True)  # rows that are there are of the study beside them
@@ -441,15 +391,11 @@ def evaluate(
     table = Table("task", "method", "variant", "width", "m/s", "metric", "median", box=None)
     for cells, values in sorted(groups.items()):
         table.add_row(*cells, f"{median(values):.3g}")
-    terminal.out.print(table, crop=False)
+    terminal.show(table)
     for scene in dict.fromkeys(row.scene for row in rows):
-        of_task: dict[str, set[int]] = {}
-        for row in rows:
-            if row.scene == scene:
-                of_task.setdefault(row.task, set()).add(row.sample)
-        kept = min(map(len, of_task.values()))
-        needed = MIN_SAMPLES_FOR_INTERVAL
+        scored = {(row.task, row.sample) for row in rows if row.scene == scene}
+        count, needed = min(Counter(task for task, _ in scored).values()), MIN_SAMPLES_FOR_INTERVAL
         hint = f"; intervals need {needed}, so give more --places or longer strokes"
-        few = hint if kept < needed else ""
-        terminal.out.print(f"{scene}: {kept} of {places} places at each speed{few}")
-    terminal.out.print(f"{file}: {len(rows)} rows", soft_wrap=True)
+        few = hint if count < needed else ""
+        terminal.say(f"{scene}: {count} of {places} places at each speed{few}")
+    terminal.say(f"{file}: {len(rows)} rows")

@@ -63,7 +63,7 @@ class Changes:
     lux: Annotated[tuple[float, ...], _AS_IN_STUDY, arg(metavar="FLOAT [FLOAT ...]")] = ()
     photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = ()
     distance_m: Annotated[float | None, _AS_IN_STUDY] = None
-    trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None
+    trajectory: Path | None = None
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = ()
 
     def applied_to(self, study: Study) -> Study:
@@ -73,25 +73,24 @@ class Changes:
         from tasks.study.settings import Simulate
 
         asked = with_scenes(study, self.scenes, self.trajectory)
-        given = {"samples": self.samples, "spp": self.spp}
-        rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
-        asked = replace(asked, render=rendering)
-        sensing: dict[str, Any] = {}
+        rendering = _given(samples=self.samples, spp=self.spp)
+        sensing = _given(photoreceptors=self.photoreceptor, distance_m=self.distance_m)
         if self.sensors:
-            cameras = tuple(read_camera_of(one, "--sensors", Path()) for one in self.sensors)
+            cameras = tuple(read_camera_of(name, "--sensors", Path()) for name in self.sensors)
             sensing |= {"sensors": cameras, "widths": ()}
         if self.lux:
             sensing |= {"illuminance_lux": self.lux, "cutoffs_hz": Simulate().cutoffs_hz}
-        if self.photoreceptor:
-            sensing["photoreceptors"] = self.photoreceptor
-        if self.distance_m is not None:
-            sensing["distance_m"] = self.distance_m
-        asked = replace(asked, simulate=replace(asked.simulate, **sensing))
+        render, simulate = replace(asked.render, **rendering), replace(asked.simulate, **sensing)
+        asked = replace(asked, render=render, simulate=simulate)
         if self.resolution is not None:
             asked = with_resolution(asked, self.resolution)
         for name in self.method:
             asked = with_method(asked, name)
         return asked
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value not in (None, ())}
 
 
 AS_IT_IS = Changes()
@@ -101,16 +100,12 @@ def study(
     out: Path,
     file: Annotated[
         Positional[Path | None],
-        arg(
-            metavar="[STUDY.toml]",
-            help="your own study, in place of a preset",
-            help_behavior_hint="",
-        ),
+        arg(metavar="[STUDY.toml]", help="your own study, in place of a preset"),
     ] = None,
     preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
     weights: WeightsFiles = (),
-    mix: Annotated[bool, arg(help_behavior_hint="")] = False,
+    mix: bool = False,
     changes: OmitArgPrefixes[Changes] = AS_IT_IS,
 ) -> None:
     """Ask which resolution serves a task best.
@@ -136,7 +131,6 @@ def study(
         Allow resuming with another Mitsuba version or device than the run started with. Frames then
         differ slightly.
     """
-    from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
     from tasks.study.config import preset as find_preset
     from tasks.study.config import with_weights
@@ -146,27 +140,24 @@ def study(
     from tasks.study.study_file import read_study
 
     if file is not None and preset is not None:
-        raise StudyError(
-            f"found both {file} and --preset {preset}, expected one of them: leave out --preset "
-            f"for the study of the file, or the file for preset {preset}"
-        )
+        raise StudyError(f"give either {file} or --preset {preset}, and leave out the other")
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
     asked = changes.applied_to(chosen)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
     run = read_run(out)
     _show_scores(run)
     _show_claims(run)
-    terminal.out.print(f"\nreport: {write_report(run)}", soft_wrap=True)
+    terminal.say(f"\nreport: {write_report(run)}")
 
 
 def report(run: RunFolder) -> None:
     """Rewrite report.html, figures and tables of a run."""
     from tasks.study.report import write_report
 
-    terminal.out.print(str(write_report(run)), soft_wrap=True)
+    terminal.say(str(write_report(run)))
 
 
 def claims(run: RunFolder, others: OtherRuns = ()) -> None:
@@ -188,11 +179,11 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
 
     joined = read_run(run, *others)
     _show_claims(joined)
-    files = [one / "environment.json" for one in others]
+    files = [folder / "environment.json" for folder in others]
     environments = [read_json(dict[str, str], file, ResultError) for file in files]
     if differing := differing_software([joined.environment, *environments]):
         listed = "; ".join(f"{name} {values}" for name, values in differing.items())
-        terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
+        terminal.say(f"The runs differ in more than weights: {listed}")
 
 
 def _show_scores(run: FinishedRun) -> None:
@@ -201,35 +192,28 @@ def _show_scores(run: FinishedRun) -> None:
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.words import join_words, photoreceptor_label, share_text
 
-    for line in run.assumes:
-        terminal.out.print(line, soft_wrap=True, highlight=False)
+    terminal.say(*run.assumes)
     scores, *further = run.found
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
     if any(len(scores.speeds(series)) > 1 for series in scores.series()):
-        terminal.out.print("other speeds are in the report and in tables.csv", highlight=False)
+        terminal.say("other speeds are in the report and in tables.csv")
     if scores.dropped:
-        lost = [f"{one.label} {share_text(share)}" for one, share in sorted(scores.dropped.items())]
-        terminal.out.print(
-            f"largest share of a window's events that the bus lost: {', '.join(lost)}",
-            soft_wrap=True,
-            highlight=False,
-        )
-    for line in run.exponents:
-        terminal.out.print(line, soft_wrap=True, highlight=False)
+        shares = sorted(scores.dropped.items())
+        lost = [f"{sensor.label} {share_text(share)}" for sensor, share in shares]
+        terminal.say(f"largest share of a window's events that the bus lost: {', '.join(lost)}")
+    terminal.say(*run.exponents)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
-        terminal.out.print(
-            f"contrast threshold {scores.contrast_threshold:g}; those of {named} are in the report "
-            "and in tables.csv",
-            highlight=False,
+        terminal.say(
+            f"contrast threshold {scores.contrast_threshold:g}; the scores at {named} are in the "
+            "report and in tables.csv"
         )
     if run.others:
         words = [photoreceptor_label(name) for name in run.others]
-        terminal.out.print(
+        terminal.say(
             f"photoreceptor: {photoreceptor_label(scores.photoreceptor)}; what changes with "
-            f"{join_words(words)} is in the report",
-            highlight=False,
+            f"{join_words(words)} is in the report"
         )
 
 
@@ -246,25 +230,24 @@ def _show_claims(run: FinishedRun) -> None:
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     if not run.verdicts:
-        terminal.out.print("none of the paper's claims is about these sensors, lights and methods")
+        terminal.say("none of the paper's claims is about these sensors, lights and methods")
         return
     for verdict in run.verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         number, title = f"\n{verdict.number:2} ", f": {verdict.title}{likeness}"
-        terminal.out.print(Text.assemble(number, marks[verdict.status], title), soft_wrap=True)
+        terminal.say(Text.assemble(number, marks[verdict.status], title))
         table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", verdict.ours)
         table.add_row("   paper", verdict.paper)
-        terminal.out.print(table, crop=False)
+        terminal.show(table)
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
-    terminal.out.print(Text("\n") + Text(", ").join(counted))
-    terminal.out.print(BRACKETS, highlight=False)
-    if note := threshold_note(run.found):
+    terminal.say(Text("\n") + Text(", ").join(counted))
+    for note in filter(None, (BRACKETS, threshold_note(run.found))):
         terminal.out.print(note, highlight=False)
     judged = run.verdicts_by_photoreceptor
     for name in run.others:
         changed = changed_verdicts({"": run.verdicts, name: judged[name]})
-        named = [Text.assemble(f"{there.number} ", marks[there.status]) for _, there in changed]
-        said = Text(", ").join(named) if named else Text("no verdict changes")
-        terminal.out.print(Text(f"With {photoreceptor_label(name)}: ") + said)
+        named = [Text.assemble(f"{new.number} ", marks[new.status]) for _, new in changed]
+        changes = Text(", ").join(named) if named else Text("no verdict changes")
+        terminal.say(Text(f"With {photoreceptor_label(name)}: ") + changes)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import require, several
 from tasks.cli.table import Table
-from tasks.errors import TrainingError, UsageError
+from tasks.errors import TrainingError
 
-if TYPE_CHECKING:
-    from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
-
-_Runs = Annotated[
-    Positional[tuple[Path, ...]],
-    arg(metavar="RUNS", help="folders of finished trainings", help_behavior_hint="(required)"),
-]
+_Runs = Annotated[Positional[tuple[Path, ...]], several("RUNS", "folders of finished trainings")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,11 +27,11 @@ class TrainingOptions:
     config
         Settings: small; trial, which takes minutes; or a TOML file (docs/training.md).
     light
-        Light of the crops: ideal, for ideal pixels in all; all, for a cutoff drawn for each. All
-        else is the same.
+        Light of the crops: ideal, where all have ideal pixels; all, where each has its own random
+        cutoff. All else is the same.
     sensor
-        Camera of the crops, a name or a TOML file, for all that they do not draw: photoreceptor,
-        dark level, noise, delays; in place of that of the settings.
+        Camera of the crops in place of that in the settings, a name or a TOML file. It gives what
+        is not random: photoreceptor, dark level, noise, delays.
     seed
         Seed of the crops and the initial weights.
     device
@@ -89,8 +84,7 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
     from tasks.events.overwriting import check_new
     from tasks.learned.training.card import card as describe
 
-    if not runs:
-        raise UsageError("card: found no folder, expected at least one finished training")
+    require(runs, "finished training")
     if out is not None:
         check_new(out, overwrite)
     text = describe(runs)
@@ -100,25 +94,21 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
         write_text(out, text, overwrite=overwrite)
 
 
-def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:
-    if not 0 <= options.seed < 2**64:  # those of PyTorch
+def _train(settings: Any, options: TrainingOptions) -> None:
+    if not 0 <= options.seed < 2**64:  # PyTorch's
         raise TrainingError(f"seed: found {options.seed}, expected 0 to 2^64 - 1")
-    from tasks.cli.progress_bar import progress_bar
     from tasks.provenance import environment
 
     if options.sensor is not None:
-        crops = replace(settings.crops, sensor=options.sensor)
-        settings = replace(settings, crops=crops)  # type: ignore[arg-type]
+        settings = replace(settings, crops=replace(settings.crops, sensor=options.sensor))
 
     try:
         from tasks.learned.training.start import start
     except ImportError as error:
-        raise TrainingError(
-            f"train: PyTorch cannot be imported ({error}); install the extra `learned`, in a "
-            "checkout with: pip install '.[learned]'"
-        ) from None
+        missing = f"train: PyTorch cannot be imported ({error})"
+        raise TrainingError(f"{missing}; in a checkout: pip install '.[learned]'") from None
 
-    with progress_bar(terminal.err) as on_progress:
+    with terminal.progress() as on_progress:
         problem, scores = start(
             settings,
             options.light,
@@ -129,6 +119,6 @@ def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOpt
             on_progress=on_progress,
         )
     table = Table("held-out crops", *("network", *problem.baselines), title=problem.score, box=None)
-    for name, found in scores.items():
-        table.add_row(name, *(f"{value:.2f}" for value in found))
-    terminal.out.print(table, crop=False)
+    for name, values in scores.items():
+        table.add_row(name, *(f"{value:.2f}" for value in values))
+    terminal.show(table)

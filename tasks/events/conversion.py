@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
 from pathlib import Path
 
 from sensor.formats import find_format, read_header, read_triggers, write_events
-from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
@@ -60,7 +57,7 @@ def convert(
     """
     source, out = Path(source), Path(out)
     if shift_us and from_start:
-        raise TaskError("found shift_us and from_start, expected at most one of them")
+        raise TaskError("give either --shift-us or --from-start")
     if abs(shift_us) >= SHIFT_LIMIT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format, topic=reading.topic)
@@ -68,37 +65,27 @@ def convert(
     to = find_format(out, format, new=True)
     parts = reading.parts(source, input_format)
     if from_start:
-        first = next((part for part in parts if len(part)), None)
-        shift_us = 0 if first is None else -int(first.t_us[0])
-        parts = (
-            reading.parts(source, input_format)
-            if first is None
-            else itertools.chain([first], parts)
-        )
+        shift_us = -next((int(part.t_us[0]) for part in parts if len(part)), 0)
+        parts = reading.parts(source, input_format)
     left_out, add = list(header.others), None
-    kept = [name for name in COPIED if name in left_out]
-    if kept and to.name == find_format(source, input_format).name == "dsec":
-        left_out = [name for name in left_out if name not in kept]
-        add = groups_to_copy(source, kept, shift_us)
+    copied = [name for name in COPIED if name in left_out]
+    if copied and to.name == find_format(source, input_format).name == "dsec":
+        left_out = [name for name in left_out if name not in copied]
+        add = groups_to_copy(source, copied, shift_us)
+    origin = {**header.origin}
+    for name in _WINDOW:
+        if isinstance(value := origin.get(name), int):
+            origin[name] = value + shift_us
     count = write_events(
         out,
         (part.later(shift_us) for part in parts) if shift_us else parts,
         format=format,
-        origin=_shifted_window(header.origin, shift_us),
-        t_offset_us=0 if from_start else _shifted_clock(header, shift_us),
+        origin=origin,
+        # A clock that starts at 0 has no start to shift.
+        t_offset_us=0 if from_start or not header.t_offset_us else header.t_offset_us + shift_us,
         triggers=read_triggers(source, format=input_format).later(shift_us),
         add=add,
         overwrite=overwrite,
     )
     warn_of_loss(out, to, left_out)
     return count
-
-
-def _shifted_window(origin: Mapping[str, Value], shift_us: int) -> dict[str, Value]:
-    window = {name: origin[name] for name in _WINDOW if isinstance(origin.get(name), int)}
-    return {**origin, **{name: int(value) + shift_us for name, value in window.items()}}
-
-
-def _shifted_clock(header: Header, shift_us: int) -> int:
-    """Return the start of the shifted clock; a clock that starts at 0 has no start to shift."""
-    return header.t_offset_us + shift_us if header.t_offset_us else 0

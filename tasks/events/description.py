@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sensor.formats import Triggers, find_format, read_header, read_triggers
-from sensor.formats.header import Header, model_to_json
+from sensor.formats.header import model_to_json
 from sensor.model import MAX_SIDE_PX
 from tasks.events.reading import AS_STORED, ReadOptions
 
@@ -25,17 +24,13 @@ def describe(
         How to read it. Without a size, its events may have any position.
     """
     header = read_header(path, format=format, topic=reading.topic)
-    stored = header.width is not None
-    if not stored and reading.size is None:
+    note = "" if header.width is not None else " as given, size not stored"
+    sensor = "{}x{} px".format(*(reading.size or (header.width, header.height))) + note
+    if note and reading.size is None:
         sensor = "size not stored"
         reading = replace(reading, size=(MAX_SIDE_PX, MAX_SIDE_PX))
-    else:
-        sensor = "{}x{} px".format(*(reading.size or (header.width, header.height)))
-        sensor += "" if stored else " as given, size not stored"
-    parts = reading.parts(path, format)
-    count, brighter = 0, 0
-    first_us, last_us = None, 0
-    for part in parts:
+    count, brighter, first_us, last_us = 0, 0, None, 0
+    for part in reading.parts(path, format):
         if len(part):
             first_us = int(part.t_us[0]) if first_us is None else first_us
             last_us = int(part.t_us[-1])
@@ -43,12 +38,8 @@ def describe(
         brighter += int(np.count_nonzero(part.p > 0))
     size_bytes = path.stat().st_size
     each = f", {size_bytes / count:.2f} an event" if count else ""
-    lines = {
-        "format": find_format(path, format).title,
-        "sensor": sensor,
-        "file": f"{size_bytes} bytes{each}",
-        "events": str(count),
-    }
+    lines = {"format": find_format(path, format).title, "sensor": sensor}
+    lines |= {"file": f"{size_bytes} bytes{each}", "events": str(count)}
     if header.t_offset_us:
         lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
     if first_us is not None:
@@ -56,7 +47,11 @@ def describe(
         lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
         lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
         lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
-    return lines | _edges(read_triggers(path, format=format)) | dict(_made(header))
+    lines |= _edges(read_triggers(path, format=format))
+    if header.model is not None:
+        lines["sensor model"] = model_to_json(header.model)
+    lines |= {name.replace("_", " "): str(value) for name, value in header.origin.items()}
+    return lines | ({"also holds": ", ".join(header.others)} if header.others else {})
 
 
 def seconds(t_us: int) -> str:
@@ -72,18 +67,9 @@ def seconds(t_us: int) -> str:
 
 def _edges(triggers: Triggers) -> dict[str, str]:
     """Describe the triggers of each channel."""
-    said = []
+    channels = []
     for channel in np.unique(triggers.channel):
         t_us = triggers.t_us[triggers.channel == channel]
         span = f"{seconds(int(t_us[0]))} to {seconds(int(t_us[-1]))} s"
-        said.append(f"{len(t_us)} on channel {channel}, {span}")
-    return {"triggers": "; ".join(said)} if said else {}
-
-
-def _made(header: Header) -> Iterator[tuple[str, str]]:
-    if header.model is not None:
-        yield "sensor model", model_to_json(header.model)
-    for name, value in header.origin.items():
-        yield name.replace("_", " "), str(value)
-    if header.others:
-        yield "also holds", ", ".join(header.others)
+        channels.append(f"{len(t_us)} on channel {channel}, {span}")
+    return {"triggers": "; ".join(channels)} if channels else {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,22 +20,22 @@ class FootageOptions:
     Parameters
     ----------
     fps
-        Frames per second. Folders need it unless they have a timestamps.txt with one time per line.
-        For a video it replaces its own times, such as 960 for slow motion that plays at 30.
+        Frames per second. A folder needs it unless its timestamps.txt has one time per line. For a
+        video it replaces the stored times: 960 for slow motion that plays at 30.
     time_unit
-        Unit of timestamps.txt: s, ms, us or ns; needed unless the first line names it, such as the
-        line "# unit: us".
+        Unit of timestamps.txt: s, ms, us or ns. Required unless its first line names the unit, as
+        in "# unit: us".
     encoding
         Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
-        that of a video's tags or rec709, linear for floats, else srgb.
+        that of the video's tags or rec709; for images, linear for floats, else srgb.
     interpolate
-        Insert motion-compensated frames: the number of intervals that replace each interval, from
-        one to 1000, or auto, for half a pixel of motion from frame to frame.
+        Insert motion-compensated frames: replace each interval between frames by this many, 1 to
+        1000, or auto, which limits motion to half a pixel a frame.
     layer
-        Read this layer of OpenEXR files, such as ViewLayer.Combined. By default the channels
-        without a layer, the only layer with light, or Blender's Combined.
+        Layer of OpenEXR files to read, such as ViewLayer.Combined. By default the channels without
+        a layer, the only layer with light, or Blender's Combined.
     repair
-        Give pixels that are NaN, infinite or negative the median of their neighbors.
+        Replace pixels that are NaN, infinite or negative by the median of their neighbors.
     """
 
     fps: float | None = None
@@ -61,17 +61,9 @@ def open_source_frames(path: Path, footage: FootageOptions) -> RadianceSequence 
     from tasks.footage import open_footage
 
     if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
-        return open_footage(
-            path,
-            fps=footage.fps,
-            time_unit=footage.time_unit,
-            encoding=footage.encoding,
-            layer=footage.layer,
-            repair=footage.repair,
-        )
+        options = asdict(footage)
+        del options["interpolate"]
+        return open_footage(path, **options)
     if footage != NO_FOOTAGE:
-        raise TaskError(
-            f"{path}: found a rendered sequence, expected fps, time-unit, encoding, interpolate, "
-            "layer and repair only with a video or a folder of images"
-        )
+        raise TaskError(f"{path}: is a rendered sequence; the footage options do not apply to it")
     return open_sequence(path)

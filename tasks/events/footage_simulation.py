@@ -6,19 +6,13 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
 from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.simulation import (
-    AS_IN_THE_FRAMES,
-    SimulationOptions,
-    seen_part,
-    simulate_frames,
-)
+from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, seen_part, simulate_frames
 from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
@@ -44,7 +38,7 @@ def simulate_footage(
     """Write the events that a sensor fires on footage.
 
     The log states the assumed encoding. Without interpolation, a warning estimates how many events
-    are lost if things move by more than a pixel of the sensor from frame to frame. Another one
+    are lost if things move by more than a pixel of the sensor from frame to frame. Another warning
     counts the pixels that had no light.
 
     Parameters
@@ -59,13 +53,13 @@ def simulate_footage(
         Speed, seed, bus, and how to write the file.
     interpolate
         Number of intervals into which each interval between frames is divided by
-        motion-compensated frames, or "auto": as many as leave half a pixel of motion.
+        motion-compensated frames, or "auto", which limits motion to half a pixel a frame.
     on_progress
         Called after each frame.
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------
@@ -75,52 +69,35 @@ def simulate_footage(
     """
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
-    steps = _steps(interpolate)
-    _, columns = seen_part(footage, footage.path, model)  # said before the frames are measured
+    if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
+        expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel a frame"
+        raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
+    _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         *(footage.path, len(footage), footage.width, footage.height),
         *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
     )
-    if steps is None:
-        sensor_px = model.width / (columns.stop - columns.start)
-        motion_px = sensor_px * displacements_px(footage, on_progress)
-        if interpolate is None:
-            _warn_if_far(motion_px)
-        else:
-            footage = interpolated(footage, steps_for(motion_px))
-    else:
-        footage = interpolated(footage, [steps] * (len(footage) - 1))
-    if interpolate is not None:
-        _log.info("%d frames after interpolation", len(footage))
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
-    if interpolate is not None:
+    sensor_px = model.width / (columns.stop - columns.start)
+    if interpolate is None:
+        far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))
+        if far_px > _FAR_PX:
+            least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
+            _log.warning(
+                "things move by %.2g px of the sensor from frame to frame; on the packaged scenes "
+                "that loses %.0f to %.0f %% of the events. --interpolate auto brings most back",
+                *(far_px, least, most),
+            )
+    else:
+        if interpolate == "auto":
+            steps = steps_for(sensor_px * displacements_px(footage, on_progress))
+        else:
+            steps = [int(interpolate)] * (len(footage) - 1)
+        footage = interpolated(footage, steps)
+        _log.info("%d frames after interpolation", len(footage))
         origin["interpolate"] = interpolate
-    done = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    result = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
     if footage.mender is not None:
         footage.mender.warn(footage.path)
-    return done
-
-
-def _steps(interpolate: str | None) -> int | None:
-    """Return the number of intervals, None if it is not given."""
-    if interpolate is None or interpolate == "auto":
-        return None
-    if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MAX_STEPS:
-        raise TaskError(
-            f"interpolate: found {interpolate!r}, expected auto, or 1 to {_MAX_STEPS}; auto "
-            "leaves half a pixel of motion from frame to frame, and less changes nothing"
-        )
-    return int(interpolate)
-
-
-def _warn_if_far(motion_px: NDArray[np.float64]) -> None:
-    far_px = float(np.median(motion_px))
-    if far_px <= _FAR_PX:
-        return
-    least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
-    _log.warning(
-        "things move by %.2g px of the sensor from frame to frame; on the packaged scenes that "
-        "loses %.0f to %.0f %% of the events. --interpolate auto brings most of them back",
-        *(far_px, least, most),
-    )
+    return result

@@ -16,22 +16,16 @@ from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
+from tasks import exposures
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
-from tasks.exposures import FILE_NAME as EXPOSURES
-from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
 _MAX_DRAWN = 1e18  # that NumPy draws; far above every full well
 
 FILE_NAME = "images.json"
-_IN_USE = {  # by the names of its files, what a folder holds
-    "[0-9]" * 6 + ".png": "images",
-    FILE_NAME: "images",
-    EXPOSURES: "images",
-    "manifest.json": "a sequence",
-}
+_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, exposures.FILE_NAME, "manifest.json"
 
 
 def write_images(
@@ -82,20 +76,19 @@ def write_images(
     options.check()
     check_positive("speed", speed, TaskError, "a positive factor")
     if not 0 < rate_hz * options.exposure <= 1:
-        raise TaskError(
-            f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s, expected a rate "
-            "above 0 and exposures that do not overlap"
-        )
+        asked = f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s"
+        raise TaskError(f"{asked}, expected a rate above 0 and exposures that do not overlap")
     if seed < 0:
         raise TaskError(f"seed: found {seed}, expected 0 or more")
-    _check_folder(out)
+    if out.exists() and not out.is_dir():
+        raise TaskError(f"{out}: found a file, expected a folder")
+    for file in (file for name in _IN_USE for file in out.glob(name)):
+        raise TaskError(f"{out}: contains {file.name} already; write elsewhere")
     t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:
-        raise TaskError(
-            f"exposure: found {options.exposure:g} s, expected less than the sequence's length, "
-            f"{t_s[-1] - t_s[0]:g} s at speed {speed:g}"
-        )
+        length = f"{t_s[-1] - t_s[0]:g} s, the length of the sequence at speed {speed:g}"
+        raise TaskError(f"exposure: found {options.exposure:g} s, expected at most {length}")
     starts_s = t_s[0] + np.arange(math.floor(room_s * rate_hz + 1e-9) + 1) / rate_hz
     rng = np.random.default_rng(seed)
     for k, start_s in enumerate(starts_s.tolist()):
@@ -106,8 +99,9 @@ def write_images(
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
     exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()
-    write_exposures(
-        out, (Exposure(first, last, f"{k:06d}.png") for k, (first, last) in enumerate(exposures_us))
+    spans = enumerate(exposures_us)
+    exposures.write_exposures(
+        out, (exposures.Exposure(first, last, f"{k:06d}.png") for k, (first, last) in spans)
     )
     facts = {
         "exposures_us": exposures_us,
@@ -119,15 +113,6 @@ def write_images(
     }
     write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")
     return len(starts_s)
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse a file, and a folder with something that the images would replace or resemble."""
-    if out.exists() and not out.is_dir():
-        raise TaskError(f"{out}: found a file, expected a folder")
-    for name, held in _IN_USE.items():
-        if any(out.glob(name)):
-            raise TaskError(f"{out}: contains {held} already; write elsewhere")
 
 
 def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64:
@@ -167,7 +152,7 @@ def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Floa
     first
         Index of the first frame with a weight.
     weights
-        (N,) weights of the frames from that one on; their sum is 1.
+        (N,) weights of the frames from `first` on; their sum is 1.
     """
     first = max(0, int(np.searchsorted(t_s, start_s, "right")) - 1)
     stop = min(len(t_s), int(np.searchsorted(t_s, end_s, "left")) + 1)

@@ -10,6 +10,11 @@ from tasks.errors import TaskError
 
 _MAX_ELECTRONS = 1e15
 _MIN_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
+_EXPECTED = {
+    "exposure": f"at least {_MIN_EXPOSURE_S:g} seconds",
+    "full_well": f"a positive number of at most {_MAX_ELECTRONS:g}, or inf",
+    "read_noise": "a number of at least 0",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,17 +46,15 @@ class FrameCameraOptions:
         TaskError
             The text names the option.
         """
-        if not _MIN_EXPOSURE_S <= self.exposure < math.inf:
-            raise TaskError(
-                f"exposure: found {self.exposure}, expected at least {_MIN_EXPOSURE_S:g} seconds"
-            )
-        if not (0 < self.full_well <= _MAX_ELECTRONS or self.full_well == math.inf):
-            raise TaskError(
-                f"full_well: found {self.full_well}, expected a positive number of at most "
-                f"{_MAX_ELECTRONS:g}, or inf"
-            )
-        if not 0 <= self.read_noise < math.inf:
-            raise TaskError(f"read_noise: found {self.read_noise}, expected a number of at least 0")
+        well = self.full_well
+        possible = {
+            "exposure": _MIN_EXPOSURE_S <= self.exposure < math.inf,
+            "full_well": 0 < well <= _MAX_ELECTRONS or well == math.inf,
+            "read_noise": 0 <= self.read_noise < math.inf,
+        }
+        for name, is_possible in possible.items():
+            if not is_possible:
+                raise TaskError(f"{name}: found {getattr(self, name)}, expected {_EXPECTED[name]}")
 
 
 USUAL_CAMERA = FrameCameraOptions()

@@ -11,22 +11,22 @@ from tasks.errors import TaskError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuOptions:
-    """An IMU; none by default. The noise is that of an ADIS16448, as in the EuRoC dataset.
+    """An inertial measurement unit; its noise is by default that of EuRoC's ADIS16448.
 
     Noise densities and random walks have the units of Kalibr.
 
     Parameters
     ----------
     imu
-        Add an inertial measurement unit with this rate to the file, Hz.
+        Add an inertial measurement unit with this rate, Hz. By default there is none.
     gyroscope_noise
         White noise of the angular velocity, rad/s/sqrt(Hz).
     gyroscope_walk
-        Random walk of its bias, rad/s^2/sqrt(Hz).
+        Random walk of the gyroscope's bias, rad/s^2/sqrt(Hz).
     accelerometer_noise
         White noise of the specific force, m/s^2/sqrt(Hz).
     accelerometer_walk
-        Random walk of its bias, m/s^3/sqrt(Hz).
+        Random walk of the accelerometer's bias, m/s^3/sqrt(Hz).
     """
 
     imu: float | None = None
@@ -46,15 +46,14 @@ class ImuOptions:
         TaskError
             The text names the option.
         """
-        if self.imu is not None and not 0 < self.imu <= 1e6:
-            raise TaskError(f"imu: found {self.imu:g} Hz, expected above 0 and at most 1e6")
-        for name, value in asdict(self).items():
-            if name == "imu":
-                continue
+        values = asdict(self)
+        if (rate_hz := values.pop("imu")) is not None and not 0 < rate_hz <= 1e6:
+            raise TaskError(f"imu: found {rate_hz:g} Hz, expected above 0 and at most 1e6")
+        for name, value in values.items():
             if not 0 <= value < math.inf:
                 raise TaskError(f"{name}: found {value}, expected a number of at least 0")
-            if self.imu is None and value != getattr(NO_IMU, name):
-                raise TaskError(f"{name}: found {value}, expected it only with an IMU, --imu HZ")
+            if rate_hz is None and value != getattr(NO_IMU, name):
+                raise TaskError(f"{name}: {value} needs an IMU, --imu HZ")
 
 
 NO_IMU = ImuOptions()

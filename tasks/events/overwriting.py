@@ -21,9 +21,7 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     clear_unfinished(path.parent, path.name)
     for source in sources:
         if path.exists() and source.exists() and _is_read(path, source):
-            raise TaskError(
-                f"{path}: is the input {source}, which cannot be replaced while it is read"
-            )
+            raise TaskError(f"{path}: is the input {source}; write elsewhere")
     if os.path.lexists(path) and not path.is_dir():
         if not overwrite:
             raise TaskError(f"{path}: exists already; add --overwrite to replace it")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,20 +16,19 @@ SHIFT_LIMIT_US = 1 << 62
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions:
-    """How to read a file of events that does not store all that is needed.
+    """What a file of events does not store.
 
     Parameters
     ----------
     size
-        Width and height of the sensor, for a file that does not store them.
+        Width and height of the sensor, px, if the file does not store them.
     time_unit
-        Unit of the times of a text file: s, ms, us or ns. Needed if they are whole numbers and no
-        header line names it.
+        Unit of the times of a text file: s, ms, us or ns. Required if the times are whole numbers
+        and no header line names the unit.
     sort
-        Sort the events by time, for text, AEDAT, DAT, ES and bags; this needs all events in
-        memory.
+        Sort the events of text, AEDAT, DAT, ES or a bag by time. This needs all events in memory.
     topic
-        Topic of a ROS bag, if several have events.
+        Topic of a ROS bag, if several topics have events.
     """
 
     size: tuple[int, int] | None = None
@@ -51,14 +50,7 @@ class ReadOptions:
         """
         from sensor.formats import read_events
 
-        return read_events(
-            path,
-            format=format,
-            size=self.size,
-            time_unit=self.time_unit,
-            sort=self.sort,
-            topic=self.topic,
-        )
+        return read_events(path, format=format, **asdict(self))
 
 
 AS_STORED = ReadOptions()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
-from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.json_values import use_python_numbers
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
@@ -64,9 +62,10 @@ class SimulationOptions:
     readout
         The bus on which the events leave; None if all leave when they fire.
     warm_up
-        Time constants of the photoreceptor before a clip's window, below which a warning appears.
+        Shortest warm-up before a clip's window without a warning, in time constants of the
+        photoreceptor.
     assumes
-        What the simulation assumes in words, for the file's origin.
+        What the simulation assumes, in words, for the file's origin.
     format
         As for `write_events`.
     overwrite
@@ -75,7 +74,7 @@ class SimulationOptions:
     Raises
     ------
     TaskError
-        The speed is not positive or 1e9 or more, or the seed is negative or larger than 2^63 - 1.
+        The speed is not above 0 and below 1e9, or the seed is not in 0..2^63 - 1.
     """
 
     speed: float = 1.0
@@ -88,9 +87,8 @@ class SimulationOptions:
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
-        check_positive("speed", self.speed, TaskError, "a positive factor")
-        if self.speed >= FASTEST:
-            raise TaskError(f"speed: found {self.speed:g}, expected less than {FASTEST:g}")
+        if not 0 < self.speed < FASTEST:
+            raise TaskError(f"speed: found {self.speed}, expected above 0 and below {FASTEST:g}")
         if not 0 <= self.seed < 1 << 63:
             raise TaskError(f"seed: found {self.seed}, expected an integer in 0..2^63 - 1")
 
@@ -107,9 +105,8 @@ def warn_of_fill_factor(frames: RadianceFrames, model: SensorModel) -> None:
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
         _log.warning(
-            "fill factor: found %g with pixels that are %.2g px of the frames wide, expected at "
-            "least %d: with fewer it has %s effect",
-            *(model.fill_factor, along, _SAMPLES_ALONG, "no" if along == 1 else "little"),
+            "fill factor %g has %s effect: a pixel is %.2g px of the frames wide, and needs %d",
+            *(model.fill_factor, "no" if along == 1 else "little", along, _SAMPLES_ALONG),
         )
 
 
@@ -125,9 +122,8 @@ def seen_part(frames: RadianceFrames, path: Path, model: SensorModel) -> tuple[s
     height, width = rows.stop - rows.start, columns.stop - columns.start
     if model.height > height or model.width > width:
         raise TaskError(
-            f"{path}: found frames of {frames.width}x{frames.height} px, of which the sensor sees "
-            f"{width}x{height} px, expected at least its {model.width}x{model.height} px: choose a "
-            "smaller sensor"
+            f"{path}: the sensor has {model.width}x{model.height} px, and sees {width}x{height} px "
+            f"of frames of {frames.width}x{frames.height} px; choose a smaller sensor"
         )
     return rows, columns
 
@@ -163,7 +159,7 @@ def simulate_sequence(
     options
         Speed, seed, bus, and how to write the file.
     truth_step_s
-        Step of the ground truth to add to the file, seconds, see `truth_to_add`; None for none.
+        Step of the ground truth to add to the file, seconds (see `truth_to_add`); None adds none.
     imu
         IMU to add to the file, if it has a rate; see `imu_to_add`.
     on_progress
@@ -171,7 +167,7 @@ def simulate_sequence(
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------
@@ -181,11 +177,11 @@ def simulate_sequence(
     """
     out = Path(out)
     check_new(out, options.overwrite, sequence.folder)
-    seen_part(sequence, sequence.folder, model)  # said before ground truth is prepared
+    seen_part(sequence, sequence.folder, model)  # refused before ground truth is prepared
     speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed, time_constants=options.warm_up)
     warn_if_coarse(sequence)
-    additions = []
+    additions: list[AddTo] = []
     imu.check()
     for name, wanted in (("truth", truth_step_s), ("imu", imu.imu)):
         if wanted is not None and find_format(out, options.format, new=True).name != "dsec":
@@ -200,14 +196,9 @@ def simulate_sequence(
         out,
         options,
         origin=origin_of(sequence, speed),
-        add=partial(_add_all, additions),
+        add=lambda path: [add(path) for add in additions],
         on_progress=on_progress,
     )
-
-
-def _add_all(additions: Sequence[AddTo], path: Path) -> None:
-    for add in additions:
-        add(path)
 
 
 def simulate_frames(
@@ -244,13 +235,13 @@ def simulate_frames(
 
     Returns
     -------
-    The number of events, and the report of the bus, None without one.
+    The number of events, and the report of the bus, None without a bus.
 
     Raises
     ------
     TaskError
-        The file exists, or its format cannot store times as late as the last frame's, counted from
-        the first frame: a first event that is late could leave room for more.
+        The file exists, or its format cannot store the time of the last frame, counted from the
+        first frame.
     """
     out = Path(out)
     check_new(out, options.overwrite)
@@ -261,17 +252,18 @@ def simulate_frames(
         "frames_height": frames.height,
         "speed": float(options.speed),
         "seed": options.seed,
+        **({"assumes": options.assumes} if options.assumes else {}),
     }
-    if options.assumes:
-        facts["assumes"] = options.assumes
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
 
-    def seen() -> Iterator[NDArray[np.float32]]:
+    def central() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(frames, start=1):
             yield frame[rows, columns]
             on_progress("simulating", k, len(frames))
 
-    parts: Iterable[Events] = stream(seen(), frames.t_s / options.speed, model, seed=options.seed)
+    parts: Iterable[Events] = stream(
+        central(), frames.t_s / options.speed, model, seed=options.seed
+    )
     leaving = None
     if options.readout is not None:
         facts |= {f"readout_{name}": value for name, value in asdict(options.readout).items()}
@@ -288,25 +280,23 @@ def simulate_frames(
         add=add,
         overwrite=options.overwrite,
     )
-    return count, leaving.report if leaving is not None else None
+    return count, None if leaving is None else leaving.report
 
 
 def _check_end(frames: RadianceFrames, out: Path, options: SimulationOptions) -> None:
     """Refuse frames that last longer than the format of the file can store."""
     offset_us = frames.t_offset_us
-    start_us, last_us = (
-        round(min(1e6 * t_s / options.speed, 2.0**62)) + offset_us
-        for t_s in (float(frames.t_s[0]), float(frames.t_s[-1]))
-    )
+    times_us = 1e6 * frames.t_s[[0, -1]] / options.speed
+    start_us, last_us = (round(min(t_us, 2.0**62)) + offset_us for t_us in times_us.tolist())
 
     def end_us(format: Format) -> float:
         return math.inf if format.end_us is None else format.end_us(start_us, offset_us)
 
     chosen = find_format(out, options.format, new=True)
     if last_us >= end_us(chosen):
-        able = [one for one in FORMATS.values() if one.write and last_us < end_us(one)]
-        suffixes = dict.fromkeys(suffix for one in able for suffix in one.suffixes[:1])
+        able = [each for each in FORMATS.values() if each.write and last_us < end_us(each)]
+        suffixes = dict.fromkeys(suffix for each in able for suffix in each.suffixes[:1])
         raise TaskError(
-            f"{out}: found frames until {last_us} us, expected less than {end_us(chosen)} us in "
-            f"{chosen.title}; {', '.join(suffixes)} can have them"
+            f"{out}: frames last until {last_us} us, and {chosen.title} ends before "
+            f"{end_us(chosen)} us; use {', '.join(suffixes)}"
         )

@@ -20,6 +20,8 @@ from tasks.errors import TaskError
 
 AddTo = Callable[[Path], None]
 
+_COMPRESSED = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
+
 
 def truth_to_add(
     sequence: RadianceSequence, model: SensorModel, speed: float, step_s: float
@@ -40,10 +42,8 @@ def truth_to_add(
         Step between times, seconds of the sequence, from the start of its window to its end.
     """
     if 0 < step_s < 1e-6 * speed:
-        raise TaskError(
-            f"truth: found a step of {1e6 * step_s / speed:g} us in the time of the events, "
-            "expected at least 1 us, to which times are rounded"
-        )
+        step = f"{1e6 * step_s / speed:g} us at speed {speed:g}"
+        raise TaskError(f"truth: found a step of {step}, expected at least 1 us")
     truth = ground_truth(sequence)
     size = model.width, model.height
     times_s = window_times(sequence, step_s)
@@ -65,11 +65,14 @@ def truth_to_add(
             for k, by_name in enumerate(storage.each(images)):
                 for name, image in by_name.items():
                     if name not in group:
-                        _add_images(group, name, len(times_s) - name.startswith("flow"), image)
+                        shape = len(times_s) - name.startswith("flow"), *image.shape
+                        chunks = 1, *image.shape
+                        group.create_dataset(name, shape, image.dtype, chunks=chunks, **_COMPRESSED)
                     group[name][k] = image
             if truth.objects:
-                group["T_world_object"] = np.stack([one.pose(times_s) for one in truth.objects])
-                group["T_world_object"].attrs["names"] = [one.name for one in truth.objects]
+                poses = np.stack([object.pose(times_s) for object in truth.objects])
+                group["T_world_object"] = poses
+                group["T_world_object"].attrs["names"] = [object.name for object in truth.objects]
 
     return add
 
@@ -83,16 +86,9 @@ def _images(
         images["instances"] = truth.instances(t_s, *size)
     if next_s is not None:
         flow = truth.flow(t_s, next_s, *size)
-        flows = {"flow": flow.flow_px, "flow_valid": flow.valid, "flow_occluded": flow.occluded}
-        images |= flows
+        images["flow"] = flow.flow_px
+        images |= {"flow_valid": flow.valid, "flow_occluded": flow.occluded}
     return images
-
-
-def _add_images(group: h5py.Group, name: str, count: int, like: np.ndarray) -> None:
-    """Add room for images of equal size, compressed one by one."""
-    how = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
-    shape = count, *like.shape
-    group.create_dataset(name, shape, like.dtype, chunks=(1, *like.shape), **how)
 
 
 COPIED = ("truth", "imu")
@@ -139,11 +135,11 @@ def _copy(old: Any, parent: h5py.Group, name: str | bytes, storage: Storage) -> 
 
 def _stored_chunks(dataset: Any) -> list[tuple[slice, ...]]:
     """Return where the chunks are that a file has; the others would be read as zeros."""
-    found: list[tuple[slice, ...]] = []
+    chunks: list[tuple[slice, ...]] = []
 
     def add(chunk: Any) -> None:
         sides = zip(chunk.chunk_offset, dataset.chunks, strict=True)
-        found.append(tuple(slice(start, start + side) for start, side in sides))
+        chunks.append(tuple(slice(start, start + side) for start, side in sides))
 
     dataset.id.chunk_iter(add)
-    return found
+    return chunks

@@ -69,7 +69,7 @@ def compare(
     start_us, end_us = part.counted_us
     real = events.between(start_us, end_us)
     if not len(real):
-        raise TaskError(f"check: found no events from {start_us} to {end_us} us, the held-out half")
+        raise TaskError(f"check: the held-out half, {start_us} to {end_us} us, has no events")
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(part.light, start=1):
@@ -77,23 +77,15 @@ def compare(
             yield frame
 
     offset_us = part.light.t_offset_us
-    simulated = concatenate(
-        [
-            found.between(start_us - offset_us, end_us - offset_us)
-            for found in camera.stream(frames(), part.light.t_s, white=1.0)
-        ]
-    )
+    stream = camera.stream(frames(), part.light.t_s, white=1.0)
+    window_us = start_us - offset_us, end_us - offset_us
+    simulated = concatenate([events.between(*window_us) for events in stream])
     in_real, in_simulated = _in_blocks(real), _in_blocks(simulated)
-    seen = in_real > 0
-    quartiles = np.percentile(in_simulated[seen] / in_real[seen], (25, 50, 75)).tolist()
-    return Agreement(
-        counted_us=part.counted_us,
-        real=_signs(real),
-        simulated=_signs(simulated),
-        quartiles=tuple(quartiles),
-        real_us=_interval_us(real),
-        simulated_us=_interval_us(simulated),
-    )
+    fired = in_real > 0
+    quartiles = np.percentile(in_simulated[fired] / in_real[fired], (25, 50, 75)).tolist()
+    signs = _signs(real), _signs(simulated)
+    intervals_us = _interval_us(real), _interval_us(simulated)
+    return Agreement(part.counted_us, *signs, tuple(quartiles), *intervals_us)
 
 
 def _signs(events: Events) -> tuple[int, int]:

@@ -1,8 +1,8 @@
 """The dark level, from the numbers of events of dark and of bright pixels.
 
-At any dark level, thresholds follow that give about the right number of events in total. But a
-level that is too low makes dark pixels fire too often, and one that is too high too rarely. At the
-right level a simulation has the same share of the real events in pixels of every brightness.
+At any dark level, thresholds can be fitted that give about the right total number of events. But if
+the level is too low, dark pixels fire too often; if it is too high, too rarely. At the right level,
+the ratio of simulated to real events is the same for pixels of every brightness.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from tasks.recording.threshold import FittedThresholds, fit_thresholds
 
 Float64 = NDArray[np.float64]
 
-DARK_SHARES: tuple[float, ...] = tuple(float(f"{one:.2g}") for one in np.geomspace(3e-4, 0.3, 13))
+DARK_SHARES: tuple[float, ...] = tuple(
+    float(f"{level:.2g}") for level in np.geomspace(3e-4, 0.3, 13)
+)
 """Dark levels of the sweep, shares of white."""
 
 _CLASSES = 8  # of pixels by their brightness, with as many real events each
@@ -61,10 +63,10 @@ def sweep_dark(
 ) -> tuple[Estimate, tuple[Swept, ...]]:
     """Choose the dark level at which dark and bright pixels fire in the right proportion.
 
-    At each level of a sweep thresholds are fitted, and the camera is simulated in the light. The
+    At each level of a sweep, thresholds are fitted and the camera is simulated in the light. The
     choice is the level at which the ratio of simulated to real events varies least between eight
-    classes of brightness. The mean of the ratio does not count. The interval is that of a bootstrap
-    over tiles, widened by a factor of 1.35 for errors of the light.
+    classes of brightness. The mean of the ratio does not count. The interval is a bootstrap over
+    tiles, widened by a factor of 1.35 for errors of the light.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def sweep_dark(
     levels, coarse
         Its events with their light.
     camera
-        What else is known of the camera, with the grid of the recording.
+        The rest of the camera, with the grid of the recording.
     on_progress
         Called after each frame of the light.
 
@@ -97,16 +99,13 @@ def sweep_dark(
     counts = np.zeros((1 + len(fits), pixels), np.int64)
     start_us, end_us = part.counted_us
 
-    def count(k: int, found: Events) -> None:
-        place = found.y.astype(np.int64) * found.width + found.x
+    def count(k: int, part: Events) -> None:
+        place = part.y.astype(np.int64) * part.width + part.x
         counts[k] += np.bincount(place, minlength=pixels)
 
     count(0, events.between(start_us, end_us))
     if (total := int(counts[0].sum())) < _LEAST:
-        raise TaskError(
-            f"dark: found {total} events to choose it by, expected {_LEAST} or more; give it with "
-            "--dark"
-        )
+        raise TaskError(f"dark: found {total} events, expected at least {_LEAST}; give --dark")
     brightness = np.zeros(pixels)
 
     def frames() -> Iterator[NDArray[np.float32]]:
@@ -115,10 +114,10 @@ def sweep_dark(
             on_progress("choosing the dark level", k, len(part.light))
             yield frame
 
-    models = [_behind(camera, one, *late).model() for one in fits]
+    models = [_behind(camera, fitted, *late).model() for fitted in fits]
     offset_us = part.light.t_offset_us
-    for k, found in stream_bank(frames(), part.light.t_s, models):
-        count(k + 1, found.between(start_us - offset_us, end_us - offset_us))
+    for k, simulated in stream_bank(frames(), part.light.t_s, models):
+        count(k + 1, simulated.between(start_us - offset_us, end_us - offset_us))
     order = np.argsort(brightness, kind="stable")
     until = np.cumsum(counts[0][order])
     of_class = np.empty(pixels, np.int64)
@@ -127,8 +126,8 @@ def sweep_dark(
     tile = tiles_of(every // events.width, every % events.width, events.width)
     tiles = int(tile.max()) + 1
     cell, size = tile * _CLASSES + of_class, tiles * _CLASSES
-    sums = np.stack([np.bincount(cell, one, size).reshape(tiles, _CLASSES) for one in counts], 1)
-    logs = np.log([one.dark for one in fits])
+    sums = np.stack([np.bincount(cell, each, size).reshape(tiles, _CLASSES) for each in counts], 1)
+    logs = np.log([fitted.dark for fitted in fits])
 
     def best(total: Float64) -> Float64:
         return np.array([_lowest(logs, np.square(_uneven(total)))])
@@ -144,17 +143,17 @@ def sweep_dark(
 
 
 def _behind(
-    camera: EventCamera, found: FittedThresholds, late_us: float, pole_s: float, poles: int
+    camera: EventCamera, fitted: FittedThresholds, late_us: float, pole_s: float, poles: int
 ) -> EventCamera:
     """Return a camera with thresholds behind the filter with which they were fitted."""
     return replace(
         camera,
-        contrast_threshold=found.on.value,
-        contrast_threshold_off=found.off.value,
+        contrast_threshold=fitted.on.value,
+        contrast_threshold_off=fitted.off.value,
         photoreceptor="one_pole" if poles == 1 else "two_pole",
         cutoff_hz=1 / (2 * math.pi * pole_s) if pole_s > 1e-9 else math.inf,
         latency_s=max(0.0, 1e-6 * late_us),
-        dark_share=found.dark,
+        dark_share=fitted.dark,
         random_start=True,
     )
 

@@ -60,7 +60,7 @@ class Evidence:
         Which half of the frames or the light is held out, and compared with a simulation of the
         camera that is fitted to the other half: "first", "second" or "none".
     camera
-        What else is known of the camera, with the grid of the recording; None for nothing.
+        The rest of the camera, with the grid of the recording; None for a plain camera.
 
     Raises
     ------
@@ -79,28 +79,26 @@ class Evidence:
     camera: EventCamera | None = None
 
     def __post_init__(self) -> None:
-        if self.frames is not None and self.light is not None:
-            raise TaskError("frames, crop: found both, expected one of them")
-        seen = self.frames is not None or self.light is not None
-        if self.still_s is None and not seen and self.rises_us is None:
-            raise TaskError("nothing to fit: give --still, --frames, --crop or --steps")
-        if self.still_s is not None:
-            start_s, end_s = self.still_s
-            if not (0 <= start_s < end_s and math.isfinite(1e6 * end_s)):
-                raise TaskError(
-                    f"still: found {start_s:g} to {end_s:g} s, expected a start of at least 0 and "
-                    "a later, finite end"
-                )
-        if self.motion and (not seen or self.rises_us is not None):
-            raise TaskError("motion: expected it with frames or a crop, and without steps")
-        if self.check != "none" and not seen:
-            raise TaskError(f"check: found {self.check}, expected it only with --frames or --crop")
-        if self.dark_share is not None and not seen:
-            raise TaskError(
-                f"dark: found {self.dark_share:g}, expected it only with --frames or --crop"
-            )
-        if self.dark_share is not None and not 0 < self.dark_share < 1:
-            raise TaskError(f"dark: found {self.dark_share:g}, expected a share of white in (0, 1)")
+        lights = (self.frames is not None) + (self.light is not None)
+        steps = self.rises_us is not None
+        start_s, end_s = self.still_s or (0.0, 1.0)
+        dark = 0.5 if self.dark_share is None else self.dark_share
+        stretch = f"still: found {start_s:g} to {end_s:g} s"
+        is_stretch = 0 <= start_s < end_s and math.isfinite(1e6 * end_s)
+        is_something = self.still_s is not None or lights or steps
+        no_motion = steps or not lights
+        mistakes = {
+            "give either --frames or --crop": lights == 2,
+            "nothing to fit: give --still, --frames, --crop or --steps": not is_something,
+            f"{stretch}, expected a start of at least 0 and a later, finite end": not is_stretch,
+            "--motion needs --frames or --crop, and no --steps": self.motion and no_motion,
+            "--check needs --frames or --crop": self.check != "none" and not lights,
+            "--dark needs --frames or --crop": self.dark_share is not None and not lights,
+            f"dark: found {dark:g}, expected a share of white in (0, 1)": not 0 < dark < 1,
+        }
+        for message, applies in mistakes.items():
+            if applies:
+                raise TaskError(message)
 
 
 class Fitted(NamedTuple):
@@ -109,7 +107,7 @@ class Fitted(NamedTuple):
     Parameters
     ----------
     value
-        An estimate, or what was not estimated, in the unit of the camera's field.
+        An estimate, or a given value, in the unit of the camera's field.
     unit
         The unit, in words.
     source
@@ -156,7 +154,7 @@ class Found:
     agreement: Agreement | None = None
 
     def values(self, recording: str) -> Mapping[str, Fitted]:
-        """Return what was found, by the keys of a camera's file.
+        """Return the estimates by the keys of a camera's file.
 
         Parameters
         ----------
@@ -165,22 +163,20 @@ class Found:
 
         Returns
         -------
-        Values by key; an estimate that is only a bound is among them.
+        Values by key, including estimates that are only bounds.
         """
         values: dict[str, Fitted] = {}
         if self.thresholds is not None:
             source = f"{recording}: light in motion"
-            at = f"{source}, with a dark level of {100 * self.thresholds.dark:.3g} % of white"
+            level = self.thresholds.dark
+            at = f"{source}, with a dark level of {100 * level:.3g} % of white"
             values["threshold"] = Fitted(self.thresholds.on, "log", at)
             values["threshold_off"] = Fitted(self.thresholds.off, "log", at)
             running = "the recording begins while the camera runs"
             values["random_start"] = Fitted(True, "", running, "given")
-            if self.dark is None:
-                given = "eres fit --dark; the thresholds hold at this level"
-                values["dark"] = Fitted(self.thresholds.dark, "", given, "given")
-            else:
-                by_counts = f"{source}: events of dark and of bright pixels, in proportion"
-                values["dark"] = Fitted(self.dark, "", by_counts)
+            given = Fitted(level, "", "eres fit --dark; the thresholds hold at this level", "given")
+            by_counts = f"{source}: events of dark and of bright pixels, in proportion"
+            values["dark"] = given if self.dark is None else Fitted(self.dark, "", by_counts)
         if self.response is not None:
             steps = f"{recording}: {self.response.steps} steps of the light"
             values |= _of_filter(self.response, steps, "in their light")
@@ -192,13 +188,11 @@ class Found:
             values |= _of_filter(self.motion, moving, "in its light")
         if self.noise is not None:
             still = f"{recording}: a still stretch, in its light"
+            twice = f"{still}: twice the OFF events"
+            constant = "0, as the shot noise is that of the light of the recording"
             values["leak"] = Fitted(self.noise.leak_hz, "Hz", f"{still}: surplus of ON events")
-            values["shot_noise"] = Fitted(
-                self.noise.shot_noise_hz, "Hz", f"{still}: twice the OFF events"
-            )
-            values["shot_noise_exponent"] = Fitted(
-                0.0, "", "0, as the shot noise is that of the light of the recording", "given"
-            )
+            values["shot_noise"] = Fitted(self.noise.shot_noise_hz, "Hz", twice)
+            values["shot_noise_exponent"] = Fitted(0.0, "", constant, "given")
             hot = f"{still}: more than {HOT:g} times the mean of the others, beyond chance"
             values["hot_pixels"] = Fitted(self.noise.hot_pixels, "", hot)
             if self.noise.hot_pixel_hz is not None:
@@ -206,20 +200,19 @@ class Found:
         return values
 
     def camera(self, known: EventCamera, recording: str) -> EventCamera:
-        """Return a camera completed by what was found.
+        """Return a camera completed by the estimates.
 
         Parameters
         ----------
         known
-            The camera. Its values stay where nothing was found, or only a bound.
+            The camera. Its values stay where there is no estimate, or only a bound.
         recording
             Name of the recording, for the sources.
 
         Returns
         -------
         EventCamera
-            A cutoff that was found holds in the light of the recording, whose illuminance is
-            unknown.
+            An estimated cutoff holds in the light of the recording, whose illuminance is unknown.
         """
         changes: dict[str, Any] = {}
         sources = dict(known.sources)
@@ -228,7 +221,7 @@ class Found:
                 changes[FIELDS[key]] = value
                 sources[key] = Source(source, kind)
                 continue
-            number, low, high = (float(f"{one:.6g}") for one in value)
+            number, low, high = (float(f"{end:.6g}") for end in value)
             if not value.is_bound:
                 changes[FIELDS[key]] = number
                 sources[key] = Source(source, kind, (low, high))
@@ -240,19 +233,17 @@ class Found:
         return replace(known, **changes, sources=sources)
 
 
-def _of_filter(found: Response | MotionResponse, source: str, light: str) -> Mapping[str, Fitted]:
+def _of_filter(filter: Response | MotionResponse, source: str, light: str) -> dict[str, Fitted]:
     """Return photoreceptor, cutoff and latency; a bounded filter does not show its poles."""
     values: dict[str, Fitted] = {}
-    if found.photoreceptor is None:
+    if filter.photoreceptor is None:
         source += "; one pole fits as well as two"
-    if not found.cutoff_hz.is_bound:
-        poles = found.photoreceptor or "two_pole"
+    if not filter.cutoff_hz.is_bound:
+        poles = filter.photoreceptor or "two_pole"
         values["photoreceptor"] = Fitted(poles, "", f"{source}; the better of one and two poles")
-    values["cutoff"] = Fitted(found.cutoff_hz, "Hz", f"{source}; {light}")
-    values["latency"] = Fitted(
-        found.latency_s, "s", f"{source}; the delay that the poles do not explain"
-    )
-    return values
+    values["cutoff"] = Fitted(filter.cutoff_hz, "Hz", f"{source}; {light}")
+    rest = f"{source}; the delay that the poles do not explain"
+    return values | {"latency": Fitted(filter.latency_s, "s", rest)}
 
 
 def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> Found:
@@ -277,18 +268,17 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
         The recording is empty, or does not show enough.
     """
     if len(events) == 0:
-        raise TaskError("found a recording without events")
-    noise = None
+        raise TaskError("the recording has no events")
+    result = Found()
     if evidence.still_s is not None:
-        start_us, end_us = (int(events.t_us[0]) + round(1e6 * one) for one in evidence.still_s)
+        start_us, end_us = (int(events.t_us[0]) + round(1e6 * t_s) for t_s in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
-            seconds = 1e-6 * int(events.t_us[-1] - events.t_us[0])
-            raise TaskError(
-                f"still: found an end of {evidence.still_s[1]:g} s, expected at most "
-                f"{seconds:.6f} s, the length of the recording"
-            )
+            length = f"{1e-6 * int(events.t_us[-1] - events.t_us[0]):.6f} s long"
+            end = f"still: found an end of {evidence.still_s[1]:g} s"
+            raise TaskError(f"{end}, but the recording is {length}")
         quiet = events.between(start_us, end_us)
         noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))
+        result = replace(result, noise=noise)
         alike = neighbors_together(quiet, noise.hot) if len(quiet) else 0.0
         if abs(alike) > _TOGETHER:
             _log.warning(
@@ -296,36 +286,32 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
                 "or the light flickered; noise is independent, so its rates come out too high",
                 alike,
             )
-    found = Found(noise=noise)
     if evidence.rises_us is not None:
-        found = replace(found, response=fit_response(events, evidence.rises_us))
+        result = replace(result, response=fit_response(events, evidence.rises_us))
         on_progress("fitting", 1, 1)
-    seen = evidence.light if evidence.frames is None else evidence.frames
-    return found if seen is None else _in_motion(events, seen, evidence, found, on_progress)
+    if evidence.frames is None and evidence.light is None:
+        return result
+    return _in_motion(events, evidence, result, on_progress)
 
 
-def _in_motion(
-    events: Events,
-    seen: RecordedFrames | Footage,
-    evidence: Evidence,
-    found: Found,
-    on_progress: Progress,
-) -> Found:
+def _in_motion(events: Events, evidence: Evidence, result: Found, on_progress: Progress) -> Found:
     """Add dark level, thresholds and, on request, cutoff and latency from motion; check them."""
     known = evidence.camera or plain_camera(events.width, events.height)
-    part, held_out = parts_of(events, seen, evidence.check)
-    hot = None if found.noise is None else found.noise.hot
+    light = evidence.light if evidence.frames is None else evidence.frames
+    assert light is not None
+    part, held_out = parts_of(events, light, evidence.check)
+    hot = None if result.noise is None else result.noise.hot
     share = known.dark_share if evidence.dark_share is None else evidence.dark_share
-    levels, coarse = (levels_of(events, light, share, hot) for light in (part.light, part.coarse))
-    dark: Estimate | None = None
-    sweep: tuple[Swept, ...] = ()
+    both = part.light, part.coarse
+    levels, coarse = (levels_of(events, light, share, hot) for light in both)
     ends: list[float] = []
     if evidence.dark_share is None:
-        noisy = found.camera(known, "")
+        noisy = result.camera(known, "")
         dark, sweep = sweep_dark(events, part, levels, coarse, noisy, on_progress)
+        result = replace(result, dark=dark, sweep=sweep)
         ends = np.clip(dark[1:], DARK_SHARES[0], DARK_SHARES[-1]).tolist()
         if not dark.is_bound:
-            levels, coarse = (one.at_dark(dark.value) for one in (levels, coarse))
+            levels, coarse = (each.at_dark(dark.value) for each in (levels, coarse))
     motion = None
     if evidence.motion:
         motion = fit_motion(levels, coarse, part.exposure_us, part.errors)
@@ -336,16 +322,16 @@ def _in_motion(
     for end in ends:
         with suppress(TaskError):  # the events do not fit the light at the end of the interval
             other = fit_thresholds(levels.at_dark(end), coarse.at_dark(end), *late)
-            thresholds = thresholds._replace(
-                on=_covering(thresholds.on, other.on), off=_covering(thresholds.off, other.off)
-            )
-    found = replace(found, thresholds=thresholds, dark=dark, sweep=sweep, motion=motion)
+            on, off = _covering(thresholds.on, other.on), _covering(thresholds.off, other.off)
+            thresholds = thresholds._replace(on=on, off=off)
+    result = replace(result, thresholds=thresholds, motion=motion)
     if held_out is None:
-        return found
-    agreement = compare(events, held_out, found.camera(known, ""), on_progress)
-    return replace(found, agreement=agreement)
+        return result
+    agreement = compare(events, held_out, result.camera(known, ""), on_progress)
+    return replace(result, agreement=agreement)
 
 
-def _covering(one: Estimate, other: Estimate) -> Estimate:
+def _covering(estimate: Estimate, other: Estimate) -> Estimate:
     """Return an estimate whose interval includes that of another."""
-    return Estimate(one.value, min(one.low, other.low), max(one.high, other.high))
+    low, high = min(estimate.low, other.low), max(estimate.high, other.high)
+    return Estimate(estimate.value, low, high)

@@ -47,7 +47,7 @@ class Part(NamedTuple):
 
 
 def parts_of(
-    events: Events, seen: RecordedFrames | Footage, check: Check
+    events: Events, light: RecordedFrames | Footage, check: Check
 ) -> tuple[Part, Part | None]:
     """Divide what a camera saw in time.
 
@@ -56,33 +56,31 @@ def parts_of(
     The part to fit, and the held-out half, None for "none". A held-out second half begins one frame
     before the middle, so that its pixels have settled there.
     """
-    if isinstance(seen, RecordedFrames):
-        seen = busiest([events], seen)
-    last = len(seen) - 1
+    if isinstance(light, RecordedFrames):
+        light = busiest([events], light)
+    last = len(light) - 1
     if check == "none":
-        return _part(seen, 0, last), None
+        return _part(light, 0, last), None
     if last + 1 < _LEAST:
-        raise TaskError(
-            f"check: found {last + 1} frames within the time of the events, expected {_LEAST} or "
-            "more, three of each half; --check none fits all of them"
-        )
+        frames = f"check: found {last + 1} frames within the time of the events"
+        raise TaskError(f"{frames}, expected {_LEAST} or more; --check none fits all of them")
     middle = last // 2
     if check == "first":
-        return _part(seen, middle, last), _part(seen, 0, middle)
-    return _part(seen, 0, middle), _part(seen, middle - 1, last)
+        return _part(light, middle, last), _part(light, 0, middle)
+    return _part(light, 0, middle), _part(light, middle - 1, last)
 
 
-def _part(seen: RecordedFrames | Footage, start: int, end: int) -> Part:
+def _part(whole: RecordedFrames | Footage, start: int, end: int) -> Part:
     """Return the light from one frame to another."""
     exposure_us, errors = 0.0, KNOWN
-    if isinstance(seen, RecordedFrames):
-        frames = seen.some(np.arange(start, end + 1))
+    if isinstance(whole, RecordedFrames):
+        frames = whole.some(np.arange(start, end + 1))
         light, coarse = light_between(frames), light_between(frames.every_second())
         exposure_us = float(np.max(frames.end_us - frames.start_us))
         second_us, errors = float(frames.middle_us[1]), INTERPOLATED
     else:
-        t_s = seen.t_s[start : end + 1]
-        light = replace(seen, t_s=t_s, frames=lambda: islice(seen, start, end + 1))
+        t_s = whole.t_s[start : end + 1]
+        light = replace(whole, t_s=t_s, frames=lambda: islice(whole, start, end + 1))
         coarse = every_second(light)
         second_us = 0.0
     first_us, last_us = (light.t_offset_us + 1e6 * light.t_s[[0, -1]]).tolist()

@@ -14,6 +14,9 @@ from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, tiles_of, units
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 _MIN_STEPS = 2
 _MIN_EVENTS = 3.0  # mean number of events of a pixel after a step
 _LATE = 0.25  # of the early events of a pixel that sees the lamp, at most
@@ -53,7 +56,7 @@ class Response(NamedTuple):
     steps: int
 
 
-def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
+def fit_response(events: Events, rises_us: Int64) -> Response:
     """Estimate cutoff and latency from the ON events after steps of the light.
 
     Only pixels that see the lamp are used: those with at least one ON event per step on average in
@@ -64,14 +67,14 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     pixels absorb. Least squares finds A, B, a and the latency, from the first event of the mean
     pixel on. With one pole, a delay looks like another B, so B is fixed: at 1, for equal
     thresholds, and at 3/4 and 5/4 for the interval. One and two poles are compared with B at 1. The
-    interval is that of a bootstrap over tiles of pixels, of pixels if the lamp is in fewer than
-    eight tiles, widened by the change of the estimate if the fit begins half an event later, and by
-    that with another B.
+    interval is a bootstrap over tiles of pixels, or over pixels if the lamp is in fewer than eight
+    tiles. It is widened by the change of the estimate if the fit begins half an event later, and by
+    its change with another B.
 
     Parameters
     ----------
     events
-        The events; those within the shortest time between steps after a step belong to it.
+        The events. Each belongs to the step before it, for the shortest time between steps.
     rises_us
         (S,) times of the steps, on the clock of the events, increasing.
 
@@ -90,64 +93,61 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     first = np.full(len(answers.tile) * answers.steps, np.inf)
     trial = answers.place * answers.steps + answers.step
     np.minimum.at(first, trial, answers.since_us * 1e-6)
-    early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
-    return Response(
-        photoreceptor="two_pole" if order == 2 else "one_pole",
-        cutoff_hz=cutoff,
-        latency_s=latency,
-        first_event_s=(float(early[0]), float(early[1]), float(early[2])),
-        steps=answers.steps,
-    )
+    first_s = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95)).tolist()
+    photoreceptor: Photoreceptor = "two_pole" if order == 2 else "one_pole"
+    return Response(photoreceptor, cutoff, latency, tuple(first_s), answers.steps)
 
 
 class _Answers(NamedTuple):
     """ON events of the pixels that see the lamp."""
 
-    since_us: NDArray[np.int64]  # (N,) time since the step
-    step: NDArray[np.int64]  # (N,) number of the step
-    place: NDArray[np.int64]  # (N,) number of the pixel
-    tile: NDArray[np.int64]  # (P,) number of the tile of each pixel, or of the pixel
+    since_us: Int64  # (N,) time since the step
+    step: Int64  # (N,) number of the step
+    place: Int64  # (N,) number of the pixel
+    tile: Int64  # (P,) number of the tile of each pixel, or of the pixel
     steps: int
 
 
-def _answers(events: Events, rises_us: NDArray[np.int64]) -> _Answers:
+def _answers(events: Events, rises_us: Int64) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        raise TaskError(
-            f"steps: found {len(rises_us)} times, expected at least {_MIN_STEPS}, increasing"
-        )
+        times = f"steps: found {len(rises_us)} times"
+        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, increasing")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)
     since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
     pixel = y.astype(np.int64) * events.width + x
-    lit = _sees_the_lamp(pixel, since_us < window_us / 2, len(rises_us))
+    # A pixel that sees the lamp has fallen silent half-way to the next step.
+    is_early, size = since_us < window_us / 2, int(pixel.max(initial=0)) + 1
+    early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
+    lit = ((early >= len(rises_us)) & (late <= _LATE * early))[pixel]
     if len(lit) and not lit.any():
         raise TaskError(
-            "steps: found no pixel that fires after a step and falls silent before the next, "
-            "expected larger steps of the light, farther apart, or other times"
+            "steps: no pixel fires after a step and falls silent before the next; the steps of the "
+            "light are too small, too close, or at other times"
         )
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
     if len(since_us) < _MIN_EVENTS * max(trials, 1):
-        raise TaskError(
-            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step, "
-            f"expected at least {_MIN_EVENTS:g}: a larger step of the light, or other times"
+        mean = (
+            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step"
         )
+        raise TaskError(f"{mean}, expected at least {_MIN_EVENTS:g}; larger steps help")
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
 
 
 def _after_steps(
-    events: Events, rises_us: NDArray[np.int64], window_us: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    events: Events, rises_us: Int64, window_us: int
+) -> tuple[Int64, Int64, NDArray[np.bool_]]:
     """Return the step before each event, the time since then, and whether it is an answer."""
     step = np.searchsorted(rises_us, events.t_us, side="right") - 1
     since_us = events.t_us - rises_us[np.maximum(step, 0)]
     return step, since_us, (step >= 0) & (since_us < window_us) & (events.p > 0)
 
 
-def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) -> NDArray[np.int64]:
+def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
     """Return the steps whose answers the recording has, and not only the first part of them."""
     if not len(events):
         return rises_us
@@ -164,10 +164,9 @@ def _whole_steps(events: Events, rises_us: NDArray[np.int64], window_us: int) ->
         ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
     if len(inside) < _MIN_STEPS:
-        raise TaskError(
-            f"steps: found {len(inside)} of {len(rises_us)} whose answers are in the recording, "
-            f"from {first_us} to {last_us} us, expected at least {_MIN_STEPS}"
-        )
+        answered = f"has the answers to {len(inside)} of {len(rises_us)} steps"
+        span = f"steps: the recording, {first_us} to {last_us} us, {answered}"
+        raise TaskError(f"{span}, expected at least {_MIN_STEPS}")
     return inside
 
 
@@ -175,57 +174,39 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     """Return the number of poles, their cutoff and the latency."""
     since_us, tile = answers.since_us, answers.tile
     edges_us = np.unique(np.quantile(since_us, np.linspace(0, _TAIL, 4 * _POINTS)).round())
+    t_s = edges_us * 1e-6
     tiles = int(tile.max()) + 1
     bins = np.searchsorted(edges_us, since_us, side="right")
     counted = np.zeros((tiles, len(edges_us) + 1))
     np.add.at(counted, (tile[answers.place], bins), 1.0)
     pixels = np.bincount(tile, minlength=tiles).astype(np.float64)
-    curve = _Curve(edges_us * 1e-6)
 
-    def mean_events(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        until: NDArray[np.float64] = np.cumsum(weights @ counted)[: len(edges_us)]
-        return until / (weights @ pixels * answers.steps)
+    def mean_events(weights: Float64) -> Float64:
+        return np.cumsum(weights @ counted)[: len(t_s)] / (weights @ pixels * answers.steps)
 
     whole = mean_events(np.ones(tiles))
     if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
-        raise TaskError(
-            f"steps: found {points} different times at which the events after a step come, "
-            f"expected at least {_MIN_POINTS}: finer times, or a light that rises more slowly"
-        )
-    fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
-    order = min(fits, key=lambda one: fits[one].cost)
+        times = f"steps: found {points} different times of events after a step"
+        raise TaskError(f"{times}, expected at least {_MIN_POINTS}; record finer times")
+    fits = {order: _fit(t_s, whole, order, _FROM, _ABSORBED) for order in (1, 2)}
+    order = min(fits, key=lambda order: fits[order].cost)
     absorbed = None if order == 2 else _ABSORBED
-    best = curve.fit(whole, order, _FROM, absorbed)
-    others = [curve.fit(whole, order, _FROM + 0.5, absorbed)]
+    best = _fit(t_s, whole, order, _FROM, absorbed)
+    others = [_fit(t_s, whole, order, _FROM + 0.5, absorbed)]
     if order == 1:
-        others += [curve.fit(whole, order, _FROM, B) for B in _ABSORBED_RANGE]
+        others += [_fit(t_s, whole, order, _FROM, B) for B in _ABSORBED_RANGE]
     rng = np.random.default_rng(0)
     draws = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS).astype(np.float64)
-    curves = [mean_events(weights) for weights in draws]
     # Tiles with little light may be drawn alone.
-    curves = [one for one in curves if np.sum(one >= _FROM) >= _MIN_POINTS]
+    curves = [curve for curve in map(mean_events, draws) if np.sum(curve >= _FROM) >= _MIN_POINTS]
     if len(curves) < _DRAWS / 2:
-        raise TaskError("steps: found too few pixels with several ON events after a step")
-    drawn = np.array([curve.fit(one, order, _FROM, absorbed, best)[:2] for one in curves])
-    low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+        raise TaskError("steps: too few pixels have several ON events after a step")
+    drawn = [_fit(t_s, curve, order, _FROM, absorbed, best)[:2] for curve in curves]
+    low, high = np.percentile(np.array(drawn), (2.5, 97.5), axis=0).tolist()
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
-    cutoff, latency = (
-        Estimate(
-            max(0.0, best[k]), max(0.0, float(low[k]) - wide[k]), max(0.0, float(high[k]) + wide[k])
-        )
-        for k in range(2)
-    )
+    ends = ((best[k], low[k] - wide[k], high[k] + wide[k]) for k in range(2))
+    cutoff, latency = (Estimate(*(max(0.0, end) for end in each)) for each in ends)
     return order, cutoff, latency
-
-
-def _sees_the_lamp(
-    pixel: NDArray[np.int64], is_early: NDArray[np.bool_], steps: int
-) -> NDArray[np.bool_]:
-    """Return whether each event's pixel, (N,), sees the lamp: it has fallen silent half-way."""
-    size = int(pixel.max(initial=0)) + 1
-    early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
-    lit: NDArray[np.bool_] = (early >= steps) & (late <= _LATE * early)
-    return lit[pixel]
 
 
 class _Fit(NamedTuple):
@@ -234,50 +215,36 @@ class _Fit(NamedTuple):
     cost: float
 
 
-class _Curve:
-    """Least-squares fit of the response of the poles to the mean number of events."""
+def _fit(
+    t_s: Float64,
+    events: Float64,
+    order: int,
+    least: float,
+    absorbed: float | None,
+    start: _Fit | None = None,
+) -> _Fit:
+    """Fit the response of the poles to the mean number of events from `least` on.
 
-    def __init__(self, t_s: NDArray[np.float64]) -> None:
-        self._t_s = t_s
+    A, and B unless it is given as `absorbed`, follow from a and the latency by linear regression.
+    """
+    used = np.flatnonzero(events >= least)
+    used = used[np.unique(np.linspace(0, len(used) - 1, _POINTS).astype(int))]
+    t_s, n = t_s[used], events[used]
 
-    def fit(
-        self,
-        events: NDArray[np.float64],
-        order: int,
-        least: float,
-        absorbed: float | None,
-        start: _Fit | None = None,
-    ) -> _Fit:
-        """Fit to the part of the curve from `least` events on.
+    def left(parameters: Float64) -> Float64:
+        a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
+        y = np.maximum(a * (t_s - latency), 0.0)
+        g = 1 - (1 + y if order == 2 else 1.0) * np.exp(-y)
+        dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
+        return dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
 
-        A, and B unless it is given as `absorbed`, follow from a and the latency by linear
-        regression.
-        """
-        kept = np.flatnonzero(events >= least)
-        kept = kept[np.unique(np.linspace(0, len(kept) - 1, _POINTS).astype(int))]
-        t_s, n = self._t_s[kept], events[kept]
-
-        def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-            a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
-            g = _step_response(a * (t_s - latency), order)
-            dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
-            rest: NDArray[np.float64] = dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
-            return rest
-
+    if start is None:
         half_s = float(np.interp(0.5 * (n[0] + n[-1]), n, t_s))
-        first = math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9))
-        guess = [first, 0.0]
-        if start is not None:
-            a = 2 * math.pi * start.cutoff_hz
-            guess = [math.log(a), max(0.0, a * start.latency_s)]
-        found = optimize.least_squares(
-            left, guess, x_scale=[0.1, 0.1], bounds=([-np.inf, 0.0], [np.inf, np.inf])
-        )
-        a = math.exp(found.x[0])
-        return _Fit(a / (2 * math.pi), float(found.x[1]) / a, float(found.cost))
-
-
-def _step_response(y: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    y = np.maximum(y, 0.0)
-    rest: NDArray[np.float64] = (1 + y if order == 2 else 1.0) * np.exp(-y)
-    return 1 - rest
+        guess = [math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9)), 0.0]
+    else:
+        a = 2 * math.pi * start.cutoff_hz
+        guess = [math.log(a), max(0.0, a * start.latency_s)]
+    bounds = [-np.inf, 0.0], [np.inf, np.inf]
+    result = optimize.least_squares(left, guess, x_scale=[0.1, 0.1], bounds=bounds)
+    a = math.exp(result.x[0])
+    return _Fit(a / (2 * math.pi), float(result.x[1]) / a, float(result.cost))

@@ -39,8 +39,6 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
         except EventError as error:
             raise TaskError(f"{recording}: {error}, as in --steps {TRIGGERS}:1") from None
     file = Path(where)
-    if not file.exists():
-        raise TaskError(f"{file}: no such file, expected times in us, or `triggers`")
     with reading(file, "text", TaskError):
         lines = file.read_text(encoding="utf-8").splitlines()
     times = []

@@ -44,10 +44,8 @@ def counts(events: Events) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the ON and the OFF events of each pixel, (H, W) each."""
     place = events.y.astype(np.int64) * events.width + events.x
     shape = events.height, events.width
-    on, off = (
-        np.bincount(place[events.p == p], minlength=shape[0] * shape[1]).reshape(shape)
-        for p in (1, -1)
-    )
+    size = shape[0] * shape[1]
+    on, off = (np.bincount(place[events.p == p], minlength=size).reshape(shape) for p in (1, -1))
     return on, off
 
 
@@ -81,10 +79,9 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
     for _ in range(_PASSES):
         mean = float(total[~hot].mean())
         most = max(HOT * mean, float(stats.poisson.isf(_CHANCE / total.size, mean)))
-        found = total > most
-        if np.array_equal(found, hot):
+        before, hot = hot, total > most
+        if np.array_equal(hot, before):
             break
-        hot = found
     exposure = seconds * float((~hot).sum())
     ons, offs = on[~hot].astype(np.float64), off[~hot].astype(np.float64)
     off_rate = poisson_rate(float(offs.sum()), exposure, _dispersion(offs))
@@ -96,21 +93,16 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
         count = int(hot.sum())
         all_hot = poisson_rate(float(total[hot].sum()), seconds * count)
         usual = mean / seconds
-        hot_rate = Estimate(*(max(0.0, one - usual) for one in all_hot))
-    return Noise(
-        leak_hz=leak,
-        shot_noise_hz=Estimate(*(2 * one for one in off_rate)),
-        hot_pixels=share(int(hot.sum()), total.size),
-        hot_pixel_hz=hot_rate,
-        hot=hot,
-    )
+        hot_rate = Estimate(*(max(0.0, rate - usual) for rate in all_hot))
+    shot_noise = Estimate(*(2 * rate for rate in off_rate))
+    return Noise(leak, shot_noise, share(int(hot.sum()), total.size), hot_rate, hot)
 
 
 def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:
     """Return the correlation between the events of neighbors over time.
 
-    Noise is independent in each pixel; what moves, or light that flickers, makes neighbors fire
-    together, or one after the other.
+    Noise is independent in each pixel. Motion and flicker make neighbors fire together, or one
+    after the other.
 
     Parameters
     ----------
@@ -129,14 +121,14 @@ def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:
     window = np.searchsorted(edges_us, events.t_us, "right") - 1
     height, width = hot.shape
     place = (window * height + events.y) * width + events.x
-    found = np.bincount(place, minlength=_WINDOWS * height * width).astype(np.float32)
-    found = found.reshape(_WINDOWS, height, width)
-    found -= found.mean(axis=0)  # pixels differ in their rates
-    found[:, hot] = 0.0
-    variance = float(np.mean(np.square(found)))
+    count = np.bincount(place, minlength=_WINDOWS * height * width).astype(np.float32)
+    count = count.reshape(_WINDOWS, height, width)
+    count -= count.mean(axis=0)  # pixels differ in their rates
+    count[:, hot] = 0.0
+    variance = float(np.mean(np.square(count)))
     if variance == 0:
         return 0.0
-    pairs = (found[:, :, 1:], found[:, :, :-1]), (found[:, 1:], found[:, :-1])
+    pairs = (count[:, :, 1:], count[:, :, :-1]), (count[:, 1:], count[:, :-1])
     means = (float(np.mean(a * b)) / variance for a, b in pairs if a.size)  # none in a single row
     return max(means, key=abs, default=0.0)
 

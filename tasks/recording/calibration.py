@@ -55,16 +55,13 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     except ValueError:
         numbers = np.empty(0)
     if len(numbers) not in (8, 9) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
-        raise TaskError(
-            f"{path}: found {len(text)} words, expected the numbers {' '.join(_NAMES)}, of which "
-            "k3 may be missing"
-        )
-    for name, center, side in (("cx", numbers[2], size[0]), ("cy", numbers[3], size[1])):
-        if abs(center - (side - 1) / 2) > _FARTHEST * side:
-            raise TaskError(
-                f"{path}, {name}: found {center:g} px, expected about {(side - 1) / 2:g} px, the "
-                f"middle of the sensor of {size[0]}x{size[1]} px: is it of the same camera?"
-            )
+        names = f"{' '.join(_NAMES)}, where k3 may be missing"
+        raise TaskError(f"{path}: found {len(text)} words, expected the numbers {names}")
+    for name, center, side in zip(("cx", "cy"), numbers[2:4], size, strict=True):
+        middle = (side - 1) / 2
+        if abs(center - middle) > _FARTHEST * side:
+            sensor = f"{middle:g} px, the middle of the {size[0]}x{size[1]} sensor"
+            raise TaskError(f"{path}, {name}: found {center:g} px, expected about {sensor}")
     fx, fy, cx, cy = numbers[:4]
     K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return Calibration(K, np.resize(np.append(numbers[4:], 0.0), 5))

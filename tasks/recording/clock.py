@@ -96,16 +96,16 @@ def _unexplained(
         before, after = frames.log_light(k), frames.log_light(k + 1)
         for shift_us, fit in zip(shifts_us, fits, strict=True):
             fit.add(before, after, sums(events, frames, k, shift_us))
-    return [1.0 if one is None else one[1] for one in (fit.solve() for fit in fits)]
+    return [1.0 if (solution := fit.solve()) is None else solution[1] for fit in fits]
 
 
 def _lateness_us(recording: Recording, frames: RecordedFrames, pairs: Sequence[int]) -> float:
     """Return how late events are to the light between some frames; 0 if these do not show it."""
-    seen = frames.some(np.arange(pairs[0], pairs[-1] + 2))
-    start_us, end_us = seen.middle_us[[0, -1]].tolist()
+    frames = frames.some(np.arange(pairs[0], pairs[-1] + 2))
+    start_us, end_us = frames.middle_us[[0, -1]].tolist()
     events = next(cut(recording.parts(), [(start_us, end_us)]))
     try:
-        return best_delay_us(levels_of(events, light_between(seen), DARK))
+        return best_delay_us(levels_of(events, light_between(frames), DARK))
     except TaskError:
         return 0.0
 
@@ -138,30 +138,26 @@ def on_one_clock(
         frames = frames.later(shift_us)
         notes.append(f"frames: {_ms(shift_us)} as given")
     check_frames(recording, frames)
-    found = estimate_shift(recording, frames)
-    if shift_us is None:
-        if found is None:
+    shift = estimate_shift(recording, frames)
+    if shift is None:
+        if shift_us is None:
             tried = "shift of the frames between -20 and 20 ms that fits the events best"
             if not inside(recording, frames, REACH_US):
                 tried = "two frames in a row that are 20 ms or more within the events"
-            raise TaskError(
-                f"{recording.path}: found no {tried}; give the shift with --frames-shift-us"
-            )
-        notes.append(
-            f"frames: {_ms(found.shift_us)} as estimated; events then leave "
-            f"{100 * found.unexplained:.0f} % of their change unexplained, "
-            f"{100 * found.unexplained_before:.0f} % without"
-        )
-        frames = frames.later(found.shift_us)
+            raise TaskError(f"{recording.path}: found no {tried}; give --frames-shift-us")
+        return frames
+    after, before = (f"{100 * x:.0f} %" for x in (shift.unexplained, shift.unexplained_before))
+    if shift_us is None:
+        rest = f"events then leave {after} of their change unexplained, {before} without"
+        notes.append(f"frames: {_ms(shift.shift_us)} as estimated; {rest}")
+        frames = frames.later(shift.shift_us)
         check_frames(recording, frames)
-    elif found is not None and found.matters:
-        given = f"--frames-shift-us {shift_us + found.shift_us}"
+    elif shift.matters:
+        given = f"--frames-shift-us {shift_us + shift.shift_us}"
         option = given if shift_us else "--estimate-shift"
-        notes.append(
-            f"clocks: the frames fit the events best {_ms(found.shift_us)} ("
-            f"{100 * found.unexplained:.0f} % of their change unexplained, not "
-            f"{100 * found.unexplained_before:.0f} %); not done, {option} does it"
-        )
+        rest = f"{after} of their change unexplained, not {before}"
+        best = f"clocks: the frames fit the events best {_ms(shift.shift_us)} ({rest})"
+        notes.append(f"{best}; not done, {option} does it")
     return frames
 
 

@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.errors import check_positive
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.source import Window
@@ -30,13 +29,15 @@ from tasks.recording.recording import Recording
 from tasks.recording.tracks import strong_corners
 
 END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
-"""Distance from the tracks of the frames; contrast of the events moved back along a flow, over that
-of the unmoved events."""
+"""Metrics: the distance from the corners tracked in the frames; the contrast of the events moved
+back along a flow, divided by the contrast of the unmoved events."""
+
+_MIN = {"window_ms": 1e-3, "windows": 1, "features": 1, "patch_px": 3, "search_px": 1e-3}
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Patches and searches of a recording whose sensor has some width, px."""
+    """Patches and search range for flow on a sensor of some width, px."""
 
     options: FlowOptions
     width: int
@@ -93,13 +94,11 @@ def check(options: FlowOptions) -> None:
     TaskError
         An option is out of range.
     """
-    for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
+    for name, least in _MIN.items():
         value = getattr(options, name)
         if value is not None and not least <= value < math.inf:
-            said = name.replace("_", "-")
-            raise TaskError(f"{said}: found {value:g}, expected a number of at least {least:g}")
-    if options.search_px is not None:
-        check_positive("search-px", options.search_px, TaskError)
+            option = name.replace("_", "-")
+            raise TaskError(f"{option}: found {value:g}, expected at least {least:g}")
 
 
 def windows_of(
@@ -120,7 +119,7 @@ def windows_of(
     options
         Length and largest number of windows.
     with_before
-        Whether each window needs one of the same length before it.
+        Whether each window needs events for its own length before it.
 
     Returns
     -------
@@ -133,32 +132,27 @@ def windows_of(
     """
     check(options)
     if frames is None:
-        return [(one, 0) for one in _even_windows(recording, options, first=int(with_before))]
+        return [(even, 0) for even in _even_windows(recording, options, first=int(with_before))]
     middle_us = frames.middle_us.tolist()
-    found = [(Window(middle_us[k], middle_us[k + 1]), k) for k in inside(recording, frames)]
+    windows = [(Window(middle_us[k], middle_us[k + 1]), k) for k in inside(recording, frames)]
     if with_before:
-        found = [one for one in found if one[0].before_us >= recording.start_us]
-        if not found:
-            raise TaskError(
-                f"{recording.path}: found no window between frames with events for as long before "
-                "it, expected one: dense flow compares two windows"
-            )
-    return [found[i] for i in spread(range(len(found)), options.windows)]
+        windows = [each for each in windows if each[0].before_us >= recording.start_us]
+        if not windows:
+            needed = "events for as long before it, which dense flow needs"
+            raise TaskError(f"{recording.path}: no window between frames has {needed}")
+    return [windows[i] for i in spread(range(len(windows)), options.windows)]
 
 
 def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
     """Return windows of equal length, spread over a recording, but not the first `first` ones."""
     if options.window_ms is None:
-        raise TaskError("window-ms: found no length, expected one, or frames")
+        raise TaskError("give --window-ms, or frames")
     length_us = round(1e3 * options.window_ms)
     whole = (recording.end_us - recording.start_us) // length_us
     if whole <= first:
         long_ms = (recording.end_us - recording.start_us) / 1000
-        least = "a window" if first == 0 else f"{first + 1} windows"
-        raise TaskError(
-            f"{recording.path}: found {long_ms:g} ms of events, expected at least {least} of "
-            f"{options.window_ms:g} ms (--window-ms)"
-        )
+        least = f"expected at least {first + 1} x {options.window_ms:g} ms (--window-ms)"
+        raise TaskError(f"{recording.path}: found {long_ms:g} ms of events, {least}")
     numbers = spread(range(first, whole), options.windows)
     begins_us = [recording.start_us + n * length_us for n in numbers]
     return [Window(begin, begin + length_us) for begin in begins_us]

@@ -67,12 +67,9 @@ class RecordedFrames:
 
     def some(self, numbers: NDArray[np.int64]) -> RecordedFrames:
         """Return the frames of these indices, which ascend."""
-        return replace(
-            self,
-            files=tuple(self.files[k] for k in numbers),
-            start_us=self.start_us[numbers],
-            end_us=self.end_us[numbers],
-        )
+        files = tuple(self.files[k] for k in numbers)
+        start_us, end_us = self.start_us[numbers], self.end_us[numbers]
+        return replace(self, files=files, start_us=start_us, end_us=end_us)
 
     def every_second(self) -> RecordedFrames:
         """Return every second frame, and the last one."""
@@ -108,14 +105,11 @@ class RecordedFrames:
             The image is damaged, or has another size than the first.
         """
         file = self.files[k]
-        found = self._in_units_of_white(file, next(read_images([file])))
-        if found.shape != self._shape:
-            (height, width), expected = found.shape, f"{self._shape[1]}x{self._shape[0]}"
-            raise TaskError(
-                f"{self.files[k]}: found {width}x{height} px, expected {expected} px like "
-                f"{self.files[0].name}"
-            )
-        return found
+        light = self._in_units_of_white(file, next(read_images([file])))
+        if light.shape != self._shape:
+            size, first = ("{1}x{0} px".format(*shape) for shape in (light.shape, self._shape))
+            raise TaskError(f"{file}: found {size}, expected {first} like {self.files[0].name}")
+        return light
 
     def log_light(self, k: int) -> NDArray[np.float64]:
         """Return the log of light plus dark level, (H, W)."""
@@ -175,93 +169,79 @@ def open_frames(
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise TaskError(f"{folder}: found no folder of frames")
+        raise TaskError(f"{folder}: no such folder of frames")
     if exposure_us is not None and exposure_us < 0:
         raise TaskError(f"exposure-us: found {exposure_us}, expected 0 or more")
-    table, listed = folder / FILE_NAME, folder / "images.txt"
-    if table.exists():
+    names = FILE_NAME, "images.txt", "timestamps.txt"
+    source = next((folder / name for name in names if (folder / name).exists()), None)
+    if source is None:
+        columns = ",".join(COLUMNS)
+        raise TaskError(f"{folder}: has no {FILE_NAME} ({columns}), images.txt or timestamps.txt")
+    if source.name == FILE_NAME:
         for name, given in (("frames-time-unit", time_unit), ("exposure-us", exposure_us)):
             if given is not None:
-                raise TaskError(f"{table}: found --{name} {given}, expected none, as it states it")
-        found = read_exposures(folder)
-        files = [folder / one.file for one in found]
-        start, end = [one.start_us for one in found], [one.end_us for one in found]
-        return _checked(table, files, start, end, encoding)
-    if listed.exists():
-        files, t_us = _read_list(listed, time_unit)
-        source = listed
+                raise TaskError(f"{source}: states its times; leave out --{name} {given}")
+        exposures = read_exposures(folder)
+        files = [folder / exposure.file for exposure in exposures]
+        times_us = [(exposure.start_us, exposure.end_us) for exposure in exposures]
+        return _checked(source, files, times_us, encoding)
+    with reading(source, "text", TaskError):
+        text = source.read_text(encoding="utf-8-sig", errors="replace")
+    is_list, exponent = source.name == "images.txt", TIME_UNITS.get(time_unit or "")
+    if exponent is None and (is_list or time_unit or not text.startswith("#")):
+        unit = "no unit" if time_unit is None else f"unit {time_unit!r}"
+        raise TaskError(f"{source}: found {unit}, expected --frames-time-unit s, ms, us or ns")
+    if is_list and exponent is not None:
+        files, t_us = _read_list(source, text, exponent)
     else:
-        source = folder / "timestamps.txt"
-        if not source.exists():
-            raise TaskError(
-                f"{folder}: found no times of frames, expected {FILE_NAME} ({','.join(COLUMNS)}), "
-                "images.txt or timestamps.txt"
-            )
-        with reading(source, "text", TaskError):
-            text = source.read_text(encoding="utf-8-sig", errors="replace")
-        if time_unit is None and not text.startswith("#"):
-            raise _unknown_unit(source, None)
         files = list_images(folder)
-        found_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
-        t_us = [round(t / 1000) for t in found_ns]
+        t_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
+        t_us = [round(t / 1000) for t in t_ns]
     if exposure_us is None:
         logger.warning(
             "%s: does not state exposures; the frames are taken as instants (--exposure-us)", source
         )
-    ends = [t + (exposure_us or 0) for t in t_us]
-    return _checked(source, files, t_us, ends, encoding)
+    return _checked(source, files, [(t, t + (exposure_us or 0)) for t in t_us], encoding)
 
 
 def _checked(
-    source: Path, files: Sequence[Path], start: list[int], end: list[int], encoding: str | None
+    source: Path, files: Sequence[Path], times_us: list[tuple[int, int]], encoding: str | None
 ) -> RecordedFrames:
-    for k, file in enumerate(files):
-        if not file.is_file():
-            raise TaskError(f"{source}: found {file.name}, for which there is no file {file}")
-        if max(abs(start[k]), abs(end[k])) >= _LIMIT_US:
-            raise TaskError(
-                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, "
-                "expected less than 2^61 us from 0"
-            )
-        if k and start[k] <= start[k - 1]:
-            raise TaskError(
-                f"{source}, {file.name}: found {start[k]} us after {start[k - 1]} us, expected "
-                "ascending times"
-            )
-        if k and start[k] + end[k] <= start[k - 1] + end[k - 1]:
-            raise TaskError(
-                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, whose "
-                "middle is not after that of the exposure before, expected ascending middles"
-            )
+    """Return frames with the start and the end of each exposure."""
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
-    times_us = np.array(start, np.int64), np.array(end, np.int64)
-    first = next(read_images([files[0]]))
-    found = RecordedFrames(tuple(files), *times_us, *coding_of(first, encoding, "srgb", files[0]))
+    before = -_LIMIT_US, -_LIMIT_US
+    for file, (start, end) in zip(files, times_us, strict=True):
+        if not file.is_file():
+            raise TaskError(f"{source}: names {file.name}, but there is no file {file}")
+        possible = {
+            "less than 2^61 us from 0": max(abs(start), abs(end)) < _LIMIT_US,
+            f"a start after {before[0]} us": start > before[0],
+            "a middle after that of the frame before": start + end > sum(before),
+        }
+        for expected, is_possible in possible.items():
+            if not is_possible:
+                exposure = f"an exposure from {start} to {end} us"
+                raise TaskError(f"{source}, {file.name}: found {exposure}, expected {expected}")
+        before = start, end
+    start_us, end_us = np.array(times_us, np.int64).T
+    coding = coding_of(next(read_images([files[0]])), encoding, "srgb", files[0])
     if has_transparency(files[0]):
         logger.warning("%s: transparency is left out: hidden pixels are seen", source)
-    return found
+    return RecordedFrames(tuple(files), start_us, end_us, *coding)
 
 
-def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:
-    if time_unit is None or time_unit not in TIME_UNITS:
-        raise _unknown_unit(listed, time_unit)
+def _read_list(listed: Path, whole: str, exponent: int) -> tuple[list[Path], list[int]]:
+    """Return the files of an images.txt and their times stored in 10^exponent us."""
     files, t_us = [], []
-    with reading(listed, "text", TaskError):
-        lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    for k, line in enumerate(lines, start=1):
+    for k, line in enumerate(whole.splitlines(), start=1):
         text = line.partition("#")[0].strip()
         if not text:
             continue
         try:
             time, name = text.split(maxsplit=1)  # a name may have spaces
-            t_us.append(int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit])))))
+            t_us.append(int(np.int64(round(Decimal(time).scaleb(exponent)))))
         except (ArithmeticError, ValueError):
             raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
         files.append(listed.parent / name)
     return files, t_us
-
-
-def _unknown_unit(source: Path, time_unit: str | None) -> TaskError:
-    found = "no unit" if time_unit is None else f"unit {time_unit!r}"
-    return TaskError(f"{source}: found {found}, expected --frames-time-unit s, ms, us or ns")

@@ -67,10 +67,8 @@ def busiest(parts: Iterable[Events], frames: RecordedFrames) -> RecordedFrames:
         ends_us += part.t_us[[0, -1]].tolist() if len(part) else []
     within = np.flatnonzero((t_us >= min(ends_us, default=0)) & (t_us <= max(ends_us, default=-1)))
     if len(within) < 3:
-        raise TaskError(
-            f"{frames.files[0].parent}: found {len(within)} frames within the time of the events, "
-            "expected three or more"
-        )
+        number = f"found {len(within)} frames within the time of the events"
+        raise TaskError(f"{frames.files[0].parent}: {number}, expected three or more")
     length = min(_MAX_FRAMES, len(within)) - 1
     until = np.concatenate([[0], np.cumsum(count[within[:-1]])])
     start = within[0] + int(np.argmax(until[length:] - until[:-length]))
@@ -87,8 +85,8 @@ def light_between(frames: RecordedFrames) -> Footage:
 
     Returns
     -------
-    The frames, and motion-compensated ones between them; only the first part if all would need more
-    than 1000 frames.
+    The frames with motion-compensated frames between them; only the first part if this would need
+    more than 1000 frames.
     """
     own = frames.footage()
     steps = steps_for(displacements_px(own))
@@ -118,7 +116,7 @@ class Levels:
     t_us, pixel
         (N,) times of the events, and their pixels, 0 to P - 1.
     on, off
-        (N,) numbers of ON and OFF events of the pixel until then, including this one.
+        (N,) numbers of ON and OFF events of the pixel up to and including each event.
     block
         (N,) index of the group of successive events of a pixel.
     unit
@@ -149,7 +147,7 @@ class Levels:
         return SETTLING * float(self.light_us[-1] - self.light_us[0])
 
     def at_dark(self, dark: float) -> Levels:
-        """Return the same with another dark level, in units of white."""
+        """Return these levels with another dark level, in units of white."""
         light = np.maximum(np.exp(self.log_light) - self.dark, 0.0)
         return replace(self, log_light=np.log(light + dark), dark=dark)
 
@@ -181,7 +179,7 @@ class Levels:
         since_s = 1e-6 * (t_us - self.light_us[k])
         u0, u1 = u[k, self.pixel], u[k + 1, self.pixel]
         slope = (u1 - u0) / steps_s[k]
-        straight: Float64 = u0 + slope * since_s
+        straight = u0 + slope * since_s
         if pole_s < _INSTANT_S:
             return straight
         v1, v2 = _poles(u, steps_s, pole_s, poles)
@@ -210,7 +208,7 @@ def _poles(u: Float64, steps_s: Float64, pole_s: float, poles: int) -> tuple[Flo
 def levels_of(
     events: Events, light: Footage, dark: float, hot: NDArray[np.bool_] | None = None
 ) -> Levels:
-    """Collect the events, and their light, of the tiles of 8 x 8 pixels with most events.
+    """Collect events and their light in the tiles of 8 x 8 pixels with the most events.
 
     Parameters
     ----------
@@ -237,10 +235,8 @@ def levels_of(
         The light has another size than the sensor, or there are too few events within its time.
     """
     if (light.width, light.height) != (events.width, events.height):
-        raise TaskError(
-            f"{light.path}: found frames of {light.width}x{light.height} px, expected "
-            f"{events.width}x{events.height} px, the size of the sensor"
-        )
+        sensor = f"the sensor has {events.width}x{events.height} px"
+        raise TaskError(f"{light.path}: frames have {light.width}x{light.height} px, but {sensor}")
     light_us = light.t_offset_us + 1e6 * light.t_s
     events = events.between(math.ceil(light_us[0]), math.ceil(light_us[-1]))
     place = events.y.astype(np.int64) * events.width + events.x
@@ -255,10 +251,9 @@ def levels_of(
     rows = np.stack([frame.ravel()[used] for frame in light])
     number = np.full(len(count), -1)
     number[used] = np.arange(len(used))
-    kept = number[place] >= 0
-    t_us, pixel, p = events.t_us[kept], number[place[kept]], events.p[kept]
-    order = np.argsort(pixel, kind="stable")  # by pixel, then time
-    t_us, pixel, p = t_us[order], pixel[order], p[order]
+    chosen = np.flatnonzero(number[place] >= 0)
+    chosen = chosen[np.argsort(number[place[chosen]], kind="stable")]  # by pixel, then time
+    t_us, pixel, p = events.t_us[chosen], number[place[chosen]], events.p[chosen]
     settling_us = SETTLING * (light_us[-1] - light_us[0])
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
     thinning = max(1, -(-len(pixel) // _MAX_EVENTS))
@@ -268,10 +263,8 @@ def levels_of(
     settled &= bright < _SATURATED * rows.max(initial=0.0)
     used_events = settled & ((pixel + rank // _BLOCK) % thinning == 0)
     if used_events.sum() < _LEAST:
-        raise TaskError(
-            f"frames: found {used_events.sum()} events within their time, expected at least "
-            f"{_LEAST}: frames on the clock of the events, and a scene that moves"
-        )
+        within = f"found {used_events.sum()} events within their time"
+        raise TaskError(f"frames: {within}, expected at least {_LEAST}; is the clock the same?")
     group = pixel * (1 + len(pixel)) + rank // _BLOCK
     return Levels(
         light_us=light_us,

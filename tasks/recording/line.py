@@ -28,15 +28,15 @@ def best_delay_us(levels: Levels) -> float:
     """
     reach_us = levels.longest_delay_us
     tried_us = np.linspace(-reach_us, reach_us, _DELAYS)
-    left = [fit_line(levels, delay_us).unexplained for delay_us in tried_us.tolist()]
+
+    def unexplained(delay_us: float) -> float:
+        return fit_line(levels, delay_us).unexplained
+
+    left = list(map(unexplained, tried_us.tolist()))
     best, step_us = float(tried_us[int(np.argmin(left))]), float(tried_us[1] - tried_us[0])
-    found = optimize.minimize_scalar(
-        lambda delay_us: fit_line(levels, delay_us).unexplained,
-        bounds=(max(-reach_us, best - step_us), min(reach_us, best + step_us)),
-        method="bounded",
-        options={"xatol": 1.0},
-    )
-    return float(found.x)
+    bounds = max(-reach_us, best - step_us), min(reach_us, best + step_us)
+    how = {"method": "bounded", "options": {"xatol": 1.0}}
+    return float(optimize.minimize_scalar(unexplained, bounds=bounds, **how).x)
 
 
 class Line(NamedTuple):
@@ -65,8 +65,8 @@ def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: 
         left = np.abs(y - C_on * a - C_off * b)
         scale = max(1.4826 * float(np.median(left)), 1e-12)
         weight = np.minimum(1.0, _HUBER * scale / np.maximum(left, 1e-12))
-    each = [np.bincount(levels.unit, one) for one in weight * products]
-    sums = np.stack(each, axis=1).astype(np.float64)
+    of_units = [np.bincount(levels.unit, product) for product in weight * products]
+    sums = np.stack(of_units, axis=1).astype(np.float64)
     total = sums.sum(axis=0)
     C_on, C_off = solved(total)
     unexplained = 1 - float(C_on * total[3] + C_off * total[4]) / max(float(total[5]), 1e-300)
@@ -89,13 +89,12 @@ def solved(total: NDArray[np.float64]) -> NDArray[np.float64]:
     determinant = aa * bb - ab * ab
     if not determinant > 1e-9 * aa * bb:
         return np.full(2, np.nan)
-    solution: NDArray[np.float64] = np.array([bb * ay - ab * by, aa * by - ab * ay]) / determinant
-    return solution
+    return np.array([bb * ay - ab * by, aa * by - ab * ay]) / determinant
 
 
 def misfit() -> TaskError:
     """Return the error of events from which no thresholds follow."""
     return TaskError(
-        "thresholds: found changes of the light that do not fit the events, expected frames on "
-        "the clock of the events, and light that rises and falls"
+        "thresholds: the changes of the light do not fit the events; frames must be on the clock "
+        "of the events, and the light must rise and fall"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,37 +46,28 @@ class FrameOptions:
     def shift_us(self) -> int | None:
         """Shift of the frames, microseconds; None to estimate it."""
         if self.estimate_shift and self.frames_shift_us is not None:
-            raise TaskError("found frames-shift-us and estimate-shift, expected one of them")
-        if abs(self.frames_shift_us or 0) >= SHIFT_LIMIT_US:
-            raise TaskError(
-                f"frames-shift-us: found {self.frames_shift_us}, expected less than 2^62 us from 0"
-            )
-        return None if self.estimate_shift else (self.frames_shift_us or 0)
+            raise TaskError("give either --frames-shift-us or --estimate-shift")
+        shift_us = self.frames_shift_us or 0
+        if abs(shift_us) >= SHIFT_LIMIT_US:
+            raise TaskError(f"frames-shift-us: found {shift_us}, expected less than 2^62 us from 0")
+        return None if self.estimate_shift else shift_us
 
     def open_frames(self) -> RecordedFrames | None:
         """Open the frames, None if there are none."""
         from tasks.recording.frames import open_frames
 
         if self.frames is not None:
+            unit, exposure_us = self.frames_time_unit, self.exposure_us
             return open_frames(
-                self.frames,
-                time_unit=self.frames_time_unit,
-                exposure_us=self.exposure_us,
-                encoding=self.encoding,
+                self.frames, time_unit=unit, exposure_us=exposure_us, encoding=self.encoding
             )
-        for name in _FOR_FRAMES:
-            if getattr(self, name) != getattr(NO_FRAMES, name):
-                raise TaskError(
-                    f"{name.replace('_', '-')}: found {getattr(self, name)}, expected it only with "
-                    "--frames"
-                )
+        for name, value in asdict(self).items():
+            if value != getattr(NO_FRAMES, name):
+                raise TaskError(f"--{name.replace('_', '-')} {value} needs --frames")
         return None
 
 
 NO_FRAMES = FrameOptions()
-_FOR_FRAMES = (
-    *("frames_time_unit", "exposure_us", "frames_shift_us", "estimate_shift", "encoding"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +78,7 @@ class FlowOptions:
     ----------
     window_ms
         Length of a window, milliseconds; by default one in which events move by 4 px, at most 500
-        ms. With frames, a window lasts from one to the next.
+        ms. With frames, a window lasts from one frame to the next.
     windows
         Largest number of windows, spread evenly over the recording.
     features

@@ -40,22 +40,15 @@ def check_frames(recording: Recording, frames: RecordedFrames) -> None:
     """Check that frames and events are of one camera and on one clock."""
     height, width = frames.light(0).shape
     if (width, height) != recording.size:
-        expected = "{}x{}".format(*recording.size)
-        raise TaskError(
-            f"{frames.files[0]}: found a frame of {width}x{height} px, expected {expected} px, "
-            "the size of the sensor: are they of the same camera?"
-        )
+        sensor = "the sensor has {}x{} px".format(*recording.size)
+        raise TaskError(f"{frames.files[0]}: the frame has {width}x{height} px, but {sensor}")
     if not inside(recording, frames):
+        ends_us = frames.start_us[0], frames.end_us[-1], recording.start_us, recording.end_us
+        spans = "frames last from {:.6f} to {:.6f} s, events from {:.6f} to {:.6f} s"
         raise TaskError(
-            f"{recording.path}: found frames from {_seconds(frames.start_us[0])} to "
-            f"{_seconds(frames.end_us[-1])} s and events from {_seconds(recording.start_us)} to "
-            f"{_seconds(recording.end_us)} s, expected two consecutive frames within the time of "
-            "the events; if their clocks differ, --frames-shift-us moves the frames"
+            f"{recording.path}: {spans.format(*(1e-6 * int(t_us) for t_us in ends_us))}; two "
+            "frames in a row must be within the events: is --frames-shift-us needed?"
         )
-
-
-def _seconds(t_us: int) -> str:
-    return f"{1e-6 * int(t_us):.6f}"
 
 
 def inside(recording: Recording, frames: RecordedFrames, margin_us: int = 0) -> list[int]:
@@ -66,10 +59,9 @@ def inside(recording: Recording, frames: RecordedFrames, margin_us: int = 0) -> 
     margin_us
         Least time from the exposures to the first and last event, microseconds.
     """
-    kept = (frames.start_us >= recording.start_us + margin_us) & (
-        frames.end_us <= recording.end_us - margin_us
-    )
-    return [int(k) for k in np.flatnonzero(kept[:-1] & kept[1:])]
+    within = frames.start_us >= recording.start_us + margin_us
+    within &= frames.end_us <= recording.end_us - margin_us
+    return np.flatnonzero(within[:-1] & within[1:]).tolist()
 
 
 def events_of(
@@ -82,9 +74,8 @@ def events_of(
     margin_us
         How much earlier to begin and later to end, microseconds.
     """
-    windows = [
-        (int(frames.start_us[k]) - margin_us, int(frames.end_us[k + 1]) + margin_us) for k in pairs
-    ]
+    starts_us, ends_us = frames.start_us.tolist(), frames.end_us.tolist()
+    windows = [(starts_us[k] - margin_us, ends_us[k + 1] + margin_us) for k in pairs]
     return cut(recording.parts(), windows)
 
 
@@ -101,8 +92,8 @@ def sums(events: Events, frames: RecordedFrames, k: int, shift_us: int = 0) -> P
     pixel = events.y.astype(np.int64) * events.width + events.x
     shape = events.height, events.width
     on, off = np.zeros((2, *shape))
-    for image, kept in ((on, events.p > 0), (off, events.p < 0)):
-        image.ravel()[:] = np.bincount(pixel[kept], weight[kept], shape[0] * shape[1])
+    for image, its in ((on, events.p > 0), (off, events.p < 0)):
+        image.ravel()[:] = np.bincount(pixel[its], weight[its], shape[0] * shape[1])
     return PairSums(on, off)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eres_render.progress import Progress
 from sensor.events import Events, concatenate
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
@@ -52,6 +53,26 @@ class Recording:
         """Read the file in parts."""
         return self.reading.parts(self.path, self.format)
 
+    def counted(self, stage: str, on_progress: Progress) -> Iterator[Events]:
+        """Read the file in parts, and report progress after each.
+
+        Parameters
+        ----------
+        stage
+            What the events are read for, as `on_progress` gets it.
+        on_progress
+            Called with the number of events so far, and of all.
+
+        Returns
+        -------
+        The parts.
+        """
+        done = 0
+        for events in self.parts():
+            yield events
+            done += len(events)
+            on_progress(stage, done, self.count)
+
 
 def open_recording(
     path: str | Path, *, format: str | None = None, reading: ReadOptions = AS_STORED
@@ -88,7 +109,7 @@ def open_recording(
             last_us = int(part.t_us[-1])
             count += len(part)
     if not count:
-        raise TaskError(f"{path}: found no events, expected some")
+        raise TaskError(f"{path}: has no events")
     return Recording(path, header, first_us, last_us + 1, count, reading, format)
 
 
@@ -110,11 +131,11 @@ def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Itera
     stream = iter(parts)
     held = next(stream)
     for start_us, end_us in windows_us:
-        found = [held[int(np.searchsorted(held.t_us, start_us)) :]]
-        while not (len(found[-1]) and found[-1].t_us[-1] >= end_us):
+        slices = [held[int(np.searchsorted(held.t_us, start_us)) :]]
+        while not (len(slices[-1]) and slices[-1].t_us[-1] >= end_us):
             if (part := next(stream, None)) is None:
                 break
-            found = [one for one in found if len(one)]  # an empty slice keeps its part in memory
-            found.append(part[int(np.searchsorted(part.t_us, start_us)) :])
-        held = concatenate([part for part in found if len(part)] or found[:1])
+            slices = list(filter(len, slices))  # an empty slice keeps its part in memory
+            slices.append(part[int(np.searchsorted(part.t_us, start_us)) :])
+        held = concatenate(list(filter(len, slices)) or slices[:1])
         yield held[: int(np.searchsorted(held.t_us, end_us))]

@@ -168,7 +168,7 @@ def sources(
     )
     if any(each.continuous_s for each in settings.plan()):
         whole = Window(recording.start_us, recording.end_us)
-        yield part_of(window=whole, stream=_reported(recording, task, on_progress))
+        yield part_of(window=whole, stream=recording.counted(task, on_progress))
         return
     with_before = any(each.windows_before for each in settings.plan())
     if frames is not None and "frames" in TASKS[task].needs:
@@ -183,11 +183,3 @@ def sources(
         window, frame = windows[i]
         yield part_of(window=window, stream=[events], sample=i, frame=frame)
         on_progress(task, i + 1, len(windows))
-
-
-def _reported(recording: Recording, task: str, on_progress: Progress) -> Iterator[Events]:
-    done = 0
-    for events in recording.parts():
-        yield events
-        done += len(events)
-        on_progress(task, done, recording.count)

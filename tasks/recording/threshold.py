@@ -41,9 +41,9 @@ class Thresholds(NamedTuple):
         """One threshold for both polarities."""
         return 0.5 * (self.on + self.off)
 
-    def change(self, found: PairSums) -> NDArray[np.float64]:
+    def change(self, sums: PairSums) -> NDArray[np.float64]:
         """Return the change of log intensity of the events, (H, W)."""
-        return self.on * found.on - self.off * found.off
+        return self.on * sums.on - self.off * sums.off
 
 
 ANY_THRESHOLDS = Thresholds(0.2, 0.2)
@@ -102,11 +102,11 @@ def fit_recording(recording: Recording, frames: RecordedFrames) -> FittedThresho
     TaskError
         The events do not explain the change of the frames.
     """
-    kept = busiest(recording.parts(), frames)
-    window_us = int(kept.middle_us[0]), int(kept.middle_us[-1])
+    frames = busiest(recording.parts(), frames)
+    window_us = int(frames.middle_us[0]), int(frames.middle_us[-1])
     events = next(cut(recording.parts(), [window_us]))
-    both = kept, kept.every_second()
-    levels, coarse = (levels_of(events, light_between(one), DARK) for one in both)
+    both = frames, frames.every_second()
+    levels, coarse = (levels_of(events, light_between(each), DARK) for each in both)
     return fit_thresholds(levels, coarse, *lag(levels))
 
 
@@ -115,11 +115,11 @@ def fit_thresholds(
 ) -> FittedThresholds:
     """Estimate both thresholds.
 
-    The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
+    The interval is a bootstrap over tiles of pixels. It is widened by the change of the estimate
     with every second frame, which shows the error of the light between frames, and by 4 % for
-    thresholds that differ between pixels by up to 10 %. If all that stays unexplained is change
-    between the frames that they do not show, the thresholds are too low by that share; so their
-    upper ends are higher by it.
+    thresholds that differ by up to 10 % between pixels. The unexplained change of the light may be
+    change that the frames do not show. The thresholds are then too low by that share, so the upper
+    ends are raised by it.
 
     Parameters
     ----------
@@ -140,15 +140,13 @@ def fit_thresholds(
         The changes of the light do not fit the events, or do not separate ON from OFF, for example
         because all light rises.
     """
-    found = fit_line(levels, delay_us, pole_s, poles)
-    if not np.isfinite(found.on):
-        raise misfit()
-    both = bootstrap(found.sums, solved)
-    if not all(one.low > 0 for one in both):
+    line = fit_line(levels, delay_us, pole_s, poles)
+    both = bootstrap(line.sums, solved) if np.isfinite(line.on) else []
+    if not (both and all(C.low > 0 for C in both)):
         raise misfit()
     half = fit_line(coarse, delay_us, pole_s, poles)
     C_on, C_off = (
-        one.widened(_PIXELS * one.value + abs(other - one.value)).raised(found.unexplained)
-        for one, other in zip(both, (half.on, half.off), strict=True)
+        C.widened(_PIXELS * C.value + abs(other - C.value)).raised(line.unexplained)
+        for C, other in zip(both, (half.on, half.off), strict=True)
     )
-    return FittedThresholds(C_on, C_off, levels.dark, found.unexplained, len(levels))
+    return FittedThresholds(C_on, C_off, levels.dark, line.unexplained, len(levels))

@@ -43,9 +43,6 @@ class Tracks:
         return float(np.linalg.norm(flow_px - self.flow_px[k]))
 
 
-_NONE = Tracks(np.empty((0, 2)), np.empty((0, 2)))
-
-
 def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the corners of an image of a real camera, the strongest first.
 
@@ -58,10 +55,8 @@ def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np
     -------
     (N, 2) positions, px.
     """
-    found = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
-    if found is None:
-        return np.empty((0, 2))
-    return found.reshape(-1, 2).astype(np.float64) + 0.5
+    corners = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
+    return np.reshape([] if corners is None else corners, (-1, 2)).astype(np.float64) + 0.5
 
 
 def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) -> Tracks:
@@ -77,28 +72,25 @@ def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) 
     Tracks
         Tracks of the corners that come back to within 0.2 px of their start.
     """
-    white = max(light.max(), later.max())
-    if not white > 0:
-        return _NONE
+    white = max(light.max(), later.max(), 1e-30)  # black frames have no corners
     first, second = (np.round(255 / white * image).astype(np.uint8) for image in (light, later))
     start_px = strong_corners(first)
     if not len(start_px):
-        return _NONE
+        return Tracks(start_px, start_px)
     places = (start_px - 0.5).astype(np.float32).reshape(-1, 1, 2)
-    there, found = _follow(first, second, places)
-    back, returned = _follow(second, first, there)
+    moved, is_tracked = _follow(first, second, places)
+    back, is_back = _follow(second, first, moved)
     missed = np.linalg.norm((back - places).reshape(-1, 2), axis=1)
-    kept = np.flatnonzero(found & returned & (missed <= RETURN_PX))[:count]
-    flow_px = (there - places).reshape(-1, 2).astype(np.float64)
-    return Tracks(start_px[kept], flow_px[kept])
+    good = np.flatnonzero(is_tracked & is_back & (missed <= RETURN_PX))[:count]
+    flow_px = (moved - places).reshape(-1, 2).astype(np.float64)
+    return Tracks(start_px[good], flow_px[good])
 
 
 def _follow(
     image: NDArray[np.uint8], later: NDArray[np.uint8], places: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    size, guess = (_WINDOW_PX, _WINDOW_PX), np.empty(0, np.float32)
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        *(image, later, places, np.empty(0, np.float32)),
-        winSize=(_WINDOW_PX, _WINDOW_PX),
-        maxLevel=_LEVELS,
+        image, later, places, guess, winSize=size, maxLevel=_LEVELS
     )
     return np.asarray(moved, np.float32), np.asarray(status).ravel() == 1

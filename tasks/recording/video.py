@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
 from tasks.errors import TaskError
@@ -48,34 +48,26 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
         The rate is not positive or above 1e6 Hz, a time is not finite, the end is before the start,
         there are more than a million images, or there is none.
     """
-    check_positive("fps", options.fps, TaskError)
-    for name, found in (("start", options.start), ("end", options.end)):
-        if found is not None and not math.isfinite(1e6 * found):
-            raise TaskError(f"{name}: found {found:g} s, expected a finite time")
-    start_s, end_s = options.start, options.end
-    if start_s is not None and end_s is not None and end_s < start_s:
-        raise TaskError(
-            f"end: found {end_s:.16g} s, expected {start_s:.16g} s, the start, or later"
-        )
-    step_us = 1e6 / options.fps
-    if step_us < 1:
-        raise TaskError(f"fps: found {options.fps:.16g}, expected at most 1e6: times are whole us")
+    fps, start_s, end_s = options.fps, options.start, options.end
+    if not 0 < fps <= 1e6:
+        raise TaskError(f"fps: found {fps:.16g}, expected above 0 and at most 1e6")
+    step_us = 1e6 / fps
     start_us = recording.start_us + step_us if start_s is None else 1e6 * start_s
     end_us = recording.end_us if end_s is None else 1e6 * end_s
+    if not math.isfinite(end_us - start_us) or (start_s is not None and end_us < start_us):
+        span = f"{1e-6 * start_us:.12g} to {1e-6 * end_us:.12g} s"
+        raise TaskError(f"start, end: found {span}, expected finite times in order")
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
     if count < 1:
-        raise TaskError(
-            f"{recording.path}: found events from {1e-6 * recording.start_us:.6f} to "
-            f"{1e-6 * recording.end_us:.6f} s, in which there is no image at {options.fps:g} per "
-            "second; choose a higher --fps, or --start and --end"
-        )
+        span = f"{1e-6 * recording.start_us:.6f} to {1e-6 * recording.end_us:.6f} s"
+        raise TaskError(f"{recording.path}: no image at {fps:g} Hz from {span}; raise --fps")
     if count > _MAX_IMAGES:
         raise TaskError(f"found {count} images, expected at most {_MAX_IMAGES}; lower --fps")
     return [round(start_us + k * step_us) for k in range(count)]
 
 
 def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:
-    """Return the further arguments of a method of `video`.
+    """Return additional arguments for a method of task `video`.
 
     Parameters
     ----------
@@ -135,40 +127,40 @@ def write_video(
     TaskError
         An option is out of range, or the folder exists.
     """
-    out = Path(out).resolve()
-    check_method("video", options.method, weights, [recording.size])
-    if TASKS["video"].method(options.method).role == "diagnostic":
-        raise TaskError(
-            f"method: found {options.method!r}, which needs the true light, expected another: a "
-            "recording does not have it"
-        )
-    if options.equalization not in ("none", *EQUALIZATIONS):
-        raise TaskError(
-            f"equalization: found {options.equalization!r}, expected one of "
-            f"{', '.join(('none', *EQUALIZATIONS))}"
-        )
+    out, name = Path(out).resolve(), options.method
+    check_method("video", name, weights, [recording.size])
+    if TASKS["video"].method(name).role == "diagnostic":
+        raise TaskError(f"method: {name!r} needs the true light; choose another")
+    known, wanted = ("none", *EQUALIZATIONS), options.equalization
+    if wanted not in known:
+        raise TaskError(f"equalization: found {wanted!r}, expected one of {', '.join(known)}")
     clear_unfinished(out.parent, out.name)
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
+    start: Any = load_method("video", name, weights)
+    if contrast_threshold is None:
+        contrast_threshold = (stored_thresholds(recording) or ANY_THRESHOLDS).mean
+    more = network_options(name, times_us)
+    method, _ = ask("video", name, start, *recording.size, contrast_threshold, **more)
+    taker = ImageTaker(method, times_us)
     make_folder(out.parent)
-    with unfinished(out, folder=True) as made:
-        images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)
-        for k, log_image in enumerate(images):
-            shown = picture(log_image, log_image.shape, options.equalization)
+    with unfinished(out, folder=True) as folder:
+        for k, log_image in enumerate(_images(recording, name, taker, on_progress)):
+            shown = picture(log_image, log_image.shape, wanted)
             codes = np.round(255 * shown).astype(np.uint8)
             if calibration is not None:
                 codes = calibration.undistorted(codes)
-            (made / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
-        lines = ["# unit: us", *map(str, times_us)]
-        (made / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
+            (folder / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
+        lines = "# unit: us", *map(str, times_us), ""
+        (folder / TIMES).write_text("\n".join(lines), encoding="utf-8")
         _check_folder(out, overwrite)  # again: one may have appeared meanwhile
         if out.exists():  # it may be a mount point, or the folder in which a shell is
             for file in out.iterdir():
                 file.unlink()
-            for file in sorted(made.iterdir(), key=lambda file: file.name == TIMES):
+            for file in sorted(folder.iterdir(), key=lambda file: file.name == TIMES):
                 shutil.move(file, out / file.name)
         else:
-            made.rename(out)
+            folder.rename(out)
     return len(times_us)
 
 
@@ -177,46 +169,21 @@ def _check_folder(out: Path, overwrite: bool) -> None:
         return
     if not out.is_dir():
         raise TaskError(f"{out}: is a file, expected a folder")
-    others = [
-        file.name
-        for file in out.iterdir()
-        if not (file.name == TIMES or (file.suffix == ".png" and file.stem.isdigit()))
-    ]
-    if others:
-        raise TaskError(f"{out}: found {sorted(others)[0]}, expected no folder, or one of images")
-    if any(out.iterdir()) and not overwrite:
+    files = sorted(out.iterdir())
+    for file in files:
+        if not (file.name == TIMES or (file.suffix == ".png" and file.stem.isdigit())):
+            raise TaskError(f"{out}: found {file.name}, expected only images and {TIMES}")
+    if files and not overwrite:
         raise TaskError(f"{out}: exists already; add --overwrite to replace it")
 
 
 def _images(
-    recording: Recording,
-    options: VideoOptions,
-    times_us: list[int],
-    contrast_threshold: float | None,
-    weights: Mapping[str, str] | None,
-    on_progress: Progress,
+    recording: Recording, name: str, taker: ImageTaker, on_progress: Progress
 ) -> Iterator[NDArray[np.floating]]:
-    width, height = recording.size
-    name = options.method
-    start: Any = load_method("video", name, weights)
-    if contrast_threshold is None:
-        contrast_threshold = (stored_thresholds(recording) or ANY_THRESHOLDS).mean
-    options_of_network = network_options(name, times_us)
-    method, _ = ask("video", name, start, width, height, contrast_threshold, **options_of_network)
-    taker = ImageTaker(method, times_us)
-    blank = np.zeros((height, width))
-    seen = 0
-    for events in recording.parts():
-        yield from _taken(name, taker.take, events, blank=blank)
-        seen += len(events)
-        on_progress("images", seen, recording.count)
-    yield from _taken(name, taker.rest, blank=blank)
-
-
-def _taken(
-    name: str, function: Any, *arguments: Any, blank: NDArray[np.float64]
-) -> Iterator[NDArray[np.floating]]:
-    for taken, _ in ask_each("video", name, function, *arguments):
+    blank = np.zeros(recording.size[::-1])
+    parts = ((taker.take, events) for events in recording.counted("images", on_progress))
+    calls: Iterable[tuple[Any, ...]] = chain(parts, [(taker.rest,)])
+    for taken, _ in chain.from_iterable(ask_each("video", name, *call) for call in calls):
         if taken is not None:
             t_us, answer = taken
             image, failure = image_answer("video", name, answer, blank)

@@ -32,9 +32,9 @@ def with_motion(
 ) -> FlowOptions:
     """Choose the length of windows by the motion in them, unless it is given.
 
-    Events should move by `ENOUGH_PX`, or half of the search if that is less. At some places of the
-    recording, a window is doubled until contrast maximization finds a motion of at least half of
-    that in most of the strongest patches. The length is the median over the places.
+    Events should move by `ENOUGH_PX`, or by half of the search range if that is less. At five
+    places of the recording, a window is doubled until contrast maximization finds at least half of
+    this motion in most of the strongest patches. The length is the median over the places.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def with_motion(
     options
         Windows and patches.
     notes
-        Gets a sentence that says the length and why.
+        List to append a sentence to, with the length and the reason.
     with_before
-        Whether each window needs one of the same length before it.
+        Whether each window needs events for its own length before it.
     on_progress
         Called after each place.
 
@@ -90,10 +90,10 @@ def _motion(events: Events, begin_us: int, longest_us: int, start: Start, least_
         window = Window(begin_us, begin_us + length_us)
         during = events.between(window.start_us, window.end_us)
         corners_px = event_corners(during)[:_CORNERS]
-        samples = [start.sample(during, window, one) for one in corners_px]
-        found = [determined(estimate, sample) for sample in samples]
-        moved_px = [float(np.linalg.norm(one.flow)) for one in found if not one.failure]
-        if 2 * len(moved_px) > len(found) and (median_px := np.median(moved_px)) >= least_px:
+        samples = [start.sample(during, window, corner_px) for corner_px in corners_px]
+        answers = [determined(estimate, sample) for sample in samples]
+        moved_px = [float(np.linalg.norm(flow.flow)) for flow in answers if not flow.failure]
+        if 2 * len(moved_px) > len(answers) and (median_px := np.median(moved_px)) >= least_px:
             return float(median_px) / length_us
         if length_us == longest_us:
             return 0.0

@@ -28,19 +28,19 @@ class Explained:
         self._vector = np.zeros(2)
         self._total = 0.0
 
-    def add(self, before: NDArray, after: NDArray, found: PairSums) -> None:
+    def add(self, before: NDArray, after: NDArray, between: PairSums) -> None:
         """Add a pair of frames.
 
         Parameters
         ----------
         before, after
             (H, W) log light of both.
-        found
+        between
             Sums of the events between.
         """
         weight = np.exp(2 * before).ravel()
         change = (after - before).ravel()
-        columns = np.stack([found.on.ravel(), -found.off.ravel()])
+        columns = np.stack([between.on.ravel(), -between.off.ravel()])
         weighted = columns * weight
         self._matrix += weighted @ columns.T
         self._vector += weighted @ change
@@ -80,11 +80,11 @@ def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thres
     fit = Explained()
     for k, events in zip(pairs, events_of(recording, frames, pairs), strict=True):
         fit.add(frames.log_light(k), frames.log_light(k + 1), sums(events, frames, k))
-    found = fit.solve()
-    if found is None or min(found[0]) <= 0:
-        said = "none" if found is None else "ON {:.3g}, OFF {:.3g}".format(*found[0])
-        raise TaskError(
-            f"{recording.path}: the thresholds that fit the frames best are {said}, expected "
-            "positive ones; the clocks may disagree (--estimate-shift), or give --threshold"
+    solution = fit.solve()
+    if solution is None or min(solution[0]) <= 0:
+        worth = "none" if solution is None else "ON {:.3g}, OFF {:.3g}".format(*solution[0])
+        best = (
+            f"{recording.path}: the thresholds that fit the frames best, {worth}, are not positive"
         )
-    return found
+        raise TaskError(f"{best}; try --estimate-shift, or give --threshold")
+    return solution

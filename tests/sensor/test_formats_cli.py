@@ -140,7 +140,7 @@ def test_a_format_that_cannot_have_the_last_frame_is_refused(
             start()
         assert write() == 2
         return
-    with pytest.raises(TaskError, match=f"found frames until {last_us} us, .*; {able} can have"):
+    with pytest.raises(TaskError, match=f"until {last_us} us, .*; use {able}"):
         start()
     with pytest.raises(EventFormatError, match="found"):
         write()
@@ -458,7 +458,7 @@ def test_a_clip_is_not_replaced_by_its_events(eres, sequence, tmp_path):
 def test_speeds_that_no_time_can_show_are_refused(eres, sequence, tmp_path):
     args = ("--out", tmp_path / "a.h5", "--resolution", 32, "--speed", 1e9)
     code, _, err = eres("simulate", sequence.folder, *args)
-    assert (code, "speed: found 1e+09, expected less than 1e+09" in err) == (1, True)
+    assert (code, "speed: found 1000000000.0, expected above 0 and below 1e+09" in err) == (1, True)
 
 
 def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
@@ -524,7 +524,7 @@ def test_convert_shifts_everything_together(eres, sequence, tmp_path):
         origin = read_header(path).origin
         assert [origin["window_start_us"], origin["window_end_us"]] == times[[0, -1]].tolist()
     code, _, err = eres("convert", a, tmp_path / "d.h5", "--from-start", "--shift-us", 5)
-    assert (code, "expected at most one of them" in err) == (1, True)
+    assert (code, "--shift-us or --from-start" in err) == (1, True)
     for shift_us in (1 << 62, -(10**30)):
         code, _, err = eres("convert", a, tmp_path / "d.h5", "--shift-us", shift_us)
         assert (code, f"shift_us: found {shift_us}, expected less than 2^62" in err) == (1, True)
@@ -693,7 +693,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ),
         ([*SIMULATE, "--sensor", "davis346"], 1, "sensor, resolution: found both"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "its 65x65"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "has 65x65"),
         ([*SIMULATE[:3], "{tmp}/a.da", "--resolution", "64"], 1, "'.da'"),
         ([*SIMULATE[:3], "{tmp}/a.dat", "--resolution", "64"], 1, "DAT can only be read"),
         (
@@ -723,7 +723,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--bus", "atis"], 1, "the bus of 'atis' is unknown"),
         ([*SIMULATE, "--bus", "0"], 1, "bus: found 0"),
         ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "its 128x"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "has 128x"),
         (
             ["simulate", "{seq}", "--out", "{tmp}/a.npz", "--resolution", "8", "--truth", "1"],
             1,

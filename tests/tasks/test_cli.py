@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from another_process import environment
+from eres_render.rendering import backend
 from eres_render.rendering.backend import VariantVerdict
 from sensor import SensorError, SensorModel
 from tasks import provenance
@@ -47,6 +48,14 @@ def test_every_command_explains_itself(eres, command):
     next_one = r"\((?:default|required)|--[a-z]|╰"
     assert not re.findall(rf"--[a-z][\w-]* (?:[A-Z{{]\S* )?(?:{next_one})", shown)
     assert not re.findall(r"\(default: (?:None|False)\)", shown)
+
+
+@pytest.mark.parametrize("command", ["", "simulate", "fit"])
+def test_help_breaks_lines_between_words(eres, monkeypatch, command):
+    """Promise: no line is wider than the terminal, which would break it inside a word."""
+    monkeypatch.setenv("COLUMNS", "80")
+    _, *lines = eres(*command.split(), "--help")[1].splitlines()
+    assert max(map(len, lines)) <= 80
 
 
 def test_a_command_may_run_any_number_of_times(eres):
@@ -120,11 +129,15 @@ def test_help_lists_the_commands_in_short(eres):
         (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
         (["render", "carpet", "--out", "{tmp}/file/r", "--resolution", "8"], 1, "file: found a f"),
         (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
-        (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128, to see as"),
+        (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128 px"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
         (["study", "--out", "{tmp}/file/r"], 1, "file"),
         (["study", "{tmp}/none.toml", "--out", "{tmp}/r"], 1, "none.toml: no such file"),
-        (["study", "{tmp}/my.toml", "--preset", "paper", "--out", "{tmp}/r"], 1, "leave out --pre"),
+        (
+            ["study", "{tmp}/my.toml", "--preset", "paper", "--out", "{tmp}/r"],
+            1,
+            "or --preset paper",
+        ),
         (["study", "--method", "nowhere:f", "--out", "{tmp}/r"], 1, "cannot be imported"),
         (["evaluate", "{tmp}/none", "--task", "flow"], 1, "none"),
         (["claims", "{tmp}/none"], 1, "none/rows.parquet: no such file"),
@@ -185,8 +198,8 @@ def test_the_doctor_says_what_works(eres, monkeypatch, works):
         if not works:
             raise SensorError(f"device: found {device!r}, which does not work here: no GPU")
 
-    monkeypatch.setattr("tasks.cli.doctor.probe_variants", lambda: verdicts)
-    monkeypatch.setattr("tasks.cli.doctor.simulate", simulated)
+    monkeypatch.setattr(backend, "probe_variants", lambda: verdicts)
+    monkeypatch.setattr("sensor.simulate", simulated)
     code, out, _ = eres("doctor")
     lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
     assert code == (0 if works else 1)

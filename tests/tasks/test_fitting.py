@@ -213,7 +213,7 @@ def test_intervals_of_a_small_part_are_those_of_its_pixels():
 
 def test_events_of_one_polarity_are_refused_in_words():
     events = moving(0.2, 0.25, 1e-2)
-    with pytest.raises(TaskError, match="thresholds: found changes of the light that do not fit"):
+    with pytest.raises(TaskError, match="thresholds: the changes of the light do not fit"):
         fit_thresholds(*known(events.where(events.p > 0), 1e-2))
 
 
@@ -367,7 +367,7 @@ def test_motion_of_events_that_do_not_fit_is_refused():
     """Promise: inverted polarity is an error in one line."""
     events = moving(0.2, 0.2, 1e-2)
     wrong = Events(events.t_us, events.x, events.y, -events.p, WIDTH, HEIGHT)
-    with pytest.raises(TaskError, match="found changes of the light that do not fit the events"):
+    with pytest.raises(TaskError, match="changes of the light do not fit the events"):
         fit_motion(*known(wrong, 1e-2))
 
 
@@ -422,7 +422,7 @@ def test_steps_that_the_recording_does_not_have_do_not_count():
     assert found.steps == 3
     inside(found.cutoff_hz, 100.0)
     inside(found.latency_s, 5e-4)
-    with pytest.raises(TaskError, match="steps: found 1 of 5 whose answers are in the recording"):
+    with pytest.raises(TaskError, match=r"steps: .* 1 of 5 steps"):
         fit_response(events.between(0, rises_us[1] + late_us), rises_us)
 
 
@@ -469,7 +469,7 @@ def test_steps_too_close_for_pixels_to_settle_are_refused():
     """Promise: the error says that pixels were left out for firing on, not that events lack."""
     events, rises_us = flashes(200.0, 2e-4)
     half_later_us = rises_us - int(np.diff(rises_us).min()) * 2 // 3
-    with pytest.raises(TaskError, match="steps: found no pixel that fires after a step and falls"):
+    with pytest.raises(TaskError, match="steps: no pixel fires after a step and falls"):
         fit_response(events, half_later_us)
 
 
@@ -667,8 +667,8 @@ def test_the_command_completes_a_camera(eres, tmp_path):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (("--dark", 1e-2), "dark: found 0.01, expected it only with --frames or --crop"),
-        (("--check", "first"), "check: found first, expected it only with --frames or --crop"),
+        (("--dark", 1e-2), "--dark needs --frames or --crop"),
+        (("--check", "first"), "--check needs --frames or --crop"),
         (("--sensor", "davis346"), "sensor: davis346 has 346x260 px, and .*recording.h5 80x60 px"),
     ],
 )
@@ -693,7 +693,7 @@ def test_too_few_events_do_not_choose_a_dark_level(tmp_path):
     events = recorded(dark_share=1e-2)
     few = events.where((events.x < 2) & (events.y < 2))
     frames = open_frames(frames_of(tmp_path / "frames", 6), encoding="linear")
-    with pytest.raises(TaskError, match=r"dark: found \d+ events to choose it by, .* --dark"):
+    with pytest.raises(TaskError, match=r"dark: found \d+ events, .* --dark"):
         fit_recording(few, Evidence(frames=frames))
 
 
@@ -762,11 +762,11 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
         ({"still_s": (0.0, math.inf)}, "still: found 0 to inf s, expected .* a later, finite end"),
         ({"still_s": (-1.0, 0.5)}, "still: found -1 to 0.5 s"),
         ({"light": "light", "dark_share": 0.0}, "dark: found 0, expected a share"),
-        ({"still_s": (0.0, 1.0), "dark_share": 0.1}, "dark: found 0.1, expected it only with --f"),
-        ({"still_s": (0.0, 1.0), "check": "first"}, "check: found first, expected it only with"),
-        ({"still_s": (0.0, 1.0), "motion": True}, "motion: expected it with frames or a crop"),
-        ({"frames": "frames", "light": "light"}, "frames, crop: found both, expected one of them"),
-        ({"still_s": (0.0, 1.0)}, "without events"),
+        ({"still_s": (0.0, 1.0), "dark_share": 0.1}, "--dark needs --f"),
+        ({"still_s": (0.0, 1.0), "check": "first"}, "--check needs --f"),
+        ({"still_s": (0.0, 1.0), "motion": True}, "--motion needs --frames"),
+        ({"frames": "frames", "light": "light"}, "either --frames or --crop"),
+        ({"still_s": (0.0, 1.0)}, "no events"),
     ],
 )
 def test_impossible_evidence_is_refused(evidence, text):
@@ -795,16 +795,16 @@ def test_a_recording_without_events_is_named(eres, tmp_path):
     write_events(file, EMPTY)
     code, _, err = eres("fit", file, "--out", out, "--still", "0", "1")
     assert (code, err.count("\n")) == (1, 1)
-    assert f"{file}: found no events, expected some" in err
+    assert f"{file}: has no events" in err
     assert not out.exists()
 
 
 def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
     """Promise: one line says what was found, with file and line where a time is none."""
     events = moving(0.2, 0.2, 1e-2)
-    with pytest.raises(TaskError, match="still: found an end of 9 s, expected at most 0"):
+    with pytest.raises(TaskError, match=r"still: found an end of 9 s.* 0\.4"):
         fit_recording(events, Evidence(still_s=(0.0, 9.0)))
-    with pytest.raises(TaskError, match="found frames of 80x60 px, expected 81x60 px, the size"):
+    with pytest.raises(TaskError, match="frames have 80x60 px, but the sensor has 81x60 px"):
         levels_of(Events(*events.columns, WIDTH + 1, HEIGHT), light_every(1), 1e-2)
     with pytest.raises(TaskError, match="found 0 events within their time, expected at least 100"):
         levels_of(events[:9], light_every(1), 1e-2)

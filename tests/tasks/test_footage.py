@@ -129,7 +129,7 @@ def test_one_transparent_color_is_transparency(tmp_path, caplog, mode):
 def test_a_sensor_finer_than_footage_is_refused_at_once(tmp_path):
     """Promise: the frames are not measured before."""
     folder = write_folder(tmp_path / "small", pictures(2, 8, 12), ".png")
-    with pytest.raises(TaskError, match="12x8 px, of which the sensor sees 12x8 px, expected"):
+    with pytest.raises(TaskError, match="24x16 px, and sees 12x8 px"):
         simulate_footage(
             open_footage(folder, fps=10),
             SensorModel(width=24, height=16),
@@ -1012,9 +1012,7 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     assert few < 0.65 * len(every)
     assert 0.85 * len(every) < many < 1.1 * len(every)
     for wrong in ("0", "1001", "1000000000", "-2", "2.5", "many"):
-        with pytest.raises(
-            TaskError, match=f"interpolate: found '{wrong}', expected auto, or 1 to"
-        ):
+        with pytest.raises(TaskError, match=f"interpolate: found '{wrong}', expected 1 to"):
             simulate_footage(thin, model, tmp_path / "x.npz", interpolate=wrong)
 
 
@@ -1033,7 +1031,7 @@ def test_motion_is_measured_only_where_it_is_needed(tmp_path):
     measured = [("measuring motion", k, 3) for k in range(1, 4)]
     assert stages() == [*measured, *(("simulating", k, 3) for k in range(1, 4))]
     assert stages(interpolate="auto")[:3] == measured
-    with pytest.raises(TaskError, match="speed: found 0, expected a positive factor"):
+    with pytest.raises(TaskError, match="speed: found 0, expected above 0"):
         SimulationOptions(speed=0)
 
 
@@ -1054,8 +1052,8 @@ def test_options_of_footage_are_refused_with_a_sequence(tmp_path, eres):
     out = tmp_path / "e.h5"
     code, _, said = eres("simulate", tmp_path, "--fps", 9, "--resolution", 8, "--out", out)
     assert code == 1
-    assert "found a rendered sequence, expected fps, time-unit, encoding" in said
+    assert "is a rendered sequence" in said
     folder = write_folder(tmp_path / "in", pictures(2), ".png")
     code, _, said = eres("simulate", folder, "--fps", 9, "--truth", 0.1, "--out", out)
     assert code == 1
-    assert "whose truth is unknown; leave out --truth" in said
+    assert "--truth needs a rendered clip" in said

@@ -205,7 +205,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         ),
         (["--stereo", 0.4], "stereo: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
-        (["--gyroscope-noise", 1], "gyroscope_noise: found 1.0, expected it only with an IMU"),
+        (["--gyroscope-noise", 1], "gyroscope_noise: 1.0 needs an IMU"),
         (["--cutoffs", 1e-308], "cutoffs: found (1e-308,), expected 0.01 Hz"),
         (["--images", 300], "images: found 300.0, expected a positive rate, and exposures"),
         (["--resolution", 0], "width: found 0"),
