@@ -206,7 +206,7 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
         load_scene(xml, file).trajectory()
     file.write_text(file.read_text().splitlines()[1])
-    with pytest.raises(TrajectoryError, match=r"poses\.txt: found 1 times for poses"):
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: found 1 times and poses"):
         load_scene(xml, file).trajectory()
     file = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)), T_S)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: at t = .* shape 'ball'"):

@@ -232,5 +232,5 @@ def test_paths_go_through_poses_only(row, column, value):
     poses[2, row, column] = value
     with pytest.raises(TrajectoryError, match=r"poses: found .* number 2, expected (a r|fin)"):
         path_through(range(4), poses)
-    with pytest.raises(TrajectoryError, match=r"found 4 times for poses of shape \(3, 4, 4\)"):
+    with pytest.raises(TrajectoryError, match=r"found 4 times and poses of shape \(3, 4, 4\)"):
         path_through(range(4), poses[:3])
