@@ -68,7 +68,9 @@ def warn_if_short(
         _log.warning(
             "the clip's warm-up is %.3g ms of the path, expected %.3g ms%s: the window's first "
             "events still depend on where the sequence starts; render with a longer --warm-up",
-            *(1e3 * seconds, 1e3 * needs_s, of_filter if needs_s > WARM_UP_S else ""),
+            1e3 * seconds,
+            1e3 * needs_s,
+            of_filter if needs_s > WARM_UP_S else "",
         )
 
 

@@ -164,8 +164,15 @@ class LookUp:
 
                 def bend_band(band: int) -> None:
                     visible.through_lens(
-                        *(corner_rows[band], corner_rows[band + 1], shown, lens.left, lens.top),
-                        *(lens.corners, lens.margin, piece_at, marked),
+                        corner_rows[band],
+                        corner_rows[band + 1],
+                        shown,
+                        lens.left,
+                        lens.top,
+                        lens.corners,
+                        lens.margin,
+                        piece_at,
+                        marked,
                     )
 
                 list(workers.map(bend_band, range(len(rows) - 1)))

@@ -559,7 +559,10 @@ def _warn_if_far_from_origin(
         _log.warning(
             "%s: the camera is %.3g m from the origin, where single precision moves the image in "
             "steps of %.2g px, above %g px: move the scene and its path to the origin",
-            *(scene.path_name, farthest_m, step_px, _MAX_ROUNDING_PX),
+            scene.path_name,
+            farthest_m,
+            step_px,
+            _MAX_ROUNDING_PX,
         )
 
 

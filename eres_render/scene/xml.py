@@ -58,7 +58,8 @@ class SceneXml:
                 _log.warning(
                     "%s: camera: %s is left out, as only the field of view is read; --camera takes "
                     "a calibrated camera",
-                    *(self.file, element.get("name")),
+                    self.file,
+                    element.get("name"),
                 )
         try:
             return _fov_rad(camera)

@@ -445,5 +445,7 @@ def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
         _log.warning(
             "%s: the image moves up to %g px from frame to frame, above %g px: motion that turns "
             "back between two frames causes no events; at 2 px a fifth of the events is lost",
-            *(what, max_displacement_px, _FAR_APART_PX),
+            what,
+            max_displacement_px,
+            _FAR_APART_PX,
         )

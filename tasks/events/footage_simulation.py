@@ -75,8 +75,12 @@ def simulate_footage(
     _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
-        *(footage.path, len(footage), footage.width, footage.height),
-        *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
+        footage.path,
+        len(footage),
+        footage.width,
+        footage.height,
+        footage.t_s[-1] - footage.t_s[0],
+        footage.encoding,
     )
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     sensor_px = model.width / (columns.stop - columns.start)
@@ -87,7 +91,9 @@ def simulate_footage(
             _log.warning(
                 "things move by %.2g px of the sensor from frame to frame; on the packaged scenes "
                 "that loses %.0f to %.0f %% of the events. --interpolate auto brings most back",
-                *(far_px, least, most),
+                far_px,
+                least,
+                most,
             )
     else:
         if interpolate == "auto":

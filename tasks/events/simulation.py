@@ -106,7 +106,10 @@ def warn_of_fill_factor(frames: RadianceFrames, model: SensorModel) -> None:
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
         _log.warning(
             "fill factor %g has %s effect: a pixel is %.2g px of the frames wide, and needs %d",
-            *(model.fill_factor, "no" if along == 1 else "little", along, _SAMPLES_ALONG),
+            model.fill_factor,
+            "no" if along == 1 else "little",
+            along,
+            _SAMPLES_ALONG,
         )
 
 

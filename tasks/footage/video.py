@@ -120,7 +120,9 @@ def _unrounded_ns(
             _log.info(
                 "%s: times are rounded to %.3g ms; they are taken as even, at the %.6g frames per "
                 "second of the file",
-                *(path, tick_ms, float(rate)),
+                path,
+                tick_ms,
+                float(rate),
             )
         return even
     share = 1 / float(np.median(np.diff(since)))
@@ -129,7 +131,10 @@ def _unrounded_ns(
             "%s: times are rounded to %.3g ms, %.0f %% of the time between frames, and fit no even "
             "rate of the file; events are up to %.3g ms off. A container with finer times, such as "
             "MP4, avoids that",
-            *(path, tick_ms, 100 * share, tick_ms / 2),
+            path,
+            tick_ms,
+            100 * share,
+            tick_ms / 2,
         )
     return stored
 

@@ -81,7 +81,10 @@ def write_player(
         _log.warning(
             "%s: keeps one of every %d events, as a page holds at most %d of %d; give --start and "
             "--end to keep all events of a part",
-            *(path, every, MAX_EVENTS, count),
+            path,
+            every,
+            MAX_EVENTS,
+            count,
         )
     packed = []
     for k, source in enumerate(sources, start=1):

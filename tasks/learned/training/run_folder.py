@@ -126,7 +126,9 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
         _logger.warning(
             "%s: continued with code %s, started with %s: if crops, network or loss differ, train "
             "again in another folder",
-            *(folder, code, before.get("code")),
+            folder,
+            code,
+            before.get("code"),
         )
     return together([before, made_with])
 

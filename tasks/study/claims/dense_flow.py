@@ -35,7 +35,8 @@ DENSE_FLOW_CLAIMS: tuple[Claim, ...] = (
         "the paper's table the same holds at 9 m/s.",
     ),
     suffers_less(
-        *("E-RAFT", ERAFT),
+        "E-RAFT",
+        ERAFT,
         [growth(width) for width in WIDTHS],
         [growth(width, PHOTOMETRIC.method, PHOTOMETRIC.task) for width in WIDTHS],
         beside=_OURS,

@@ -177,7 +177,8 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         "the tables.",
     ),
     suffers_less(
-        *("contrast maximization", PHOTOMETRIC),
+        "contrast maximization",
+        PHOTOMETRIC,
         [growth(width, CONTRAST.method) for width in WIDTHS],
         [growth(width) for width in WIDTHS],
         note="The paper says the same of E-RAFT.",

@@ -162,7 +162,9 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         note=f"At speeds 1, 1.3 and 2. {_IMAGE_SPEED}",
     ),
     _fine_then_coarse(
-        *("High-pass filter", "The high-pass filter", HIGH_PASS),
+        "High-pass filter",
+        "The high-pass filter",
+        HIGH_PASS,
         {"method": "high_pass_filter_no_event_decay"},
         {"variant": equalization_variant("none")},
         {"variant": equalization_variant("clahe")},

@@ -94,7 +94,10 @@ class _SceneLight:
         render = job.render
         camera = job.scene.camera(render.resolution, render.height)
         self.renderer = Renderer(
-            *(job.scene, render.resolution, render.spp, render.seed),
+            job.scene,
+            render.resolution,
+            render.spp,
+            render.seed,
             on_progress=on_progress,
             camera=camera,
         )
