@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-DARK_FRACTION = 1e-3
+DARK_SHARE = 1e-3
 """Default dark level, share of the white level."""
 
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level

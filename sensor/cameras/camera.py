@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from sensor.cameras.fields import FIELDS, KEYS, Key
 from sensor.errors import SensorError
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from sensor.model import Photoreceptor, SensorModel
 from sensor.numbers import real, refusal, whole
 
@@ -135,7 +135,7 @@ random_start
     refractory_s: float = 0.0
     latency_s: float = 0.0
     random_start: bool = False
-    dark_share: float = DARK_FRACTION
+    dark_share: float = DARK_SHARE
     warm_up: float = 6.0
     bus_hz: float = math.inf
     fifo: int = 4096

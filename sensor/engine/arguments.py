@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sensor.engine.group import least_bytes, members_by_light
 from sensor.errors import SensorError
-from sensor.levels import DARK_FRACTION, white_level
+from sensor.levels import DARK_SHARE, white_level
 from sensor.memory import memory_bytes
 from sensor.model import SensorModel
 from sensor.numbers import FINITE, POSITIVE, real, refusal, whole
@@ -134,7 +134,7 @@ def completed(
     def whole_model(model: Lit) -> SensorModel:
         model = model if isinstance(model, SensorModel) else model(level("dark_level"))
         if model.dark_level is None:
-            model = replace(model, dark_level=DARK_FRACTION * level("dark_level"))
+            model = replace(model, dark_level=DARK_SHARE * level("dark_level"))
         # v2e's filter needs the radiance of white.
         limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
         if limited and model.cutoff_reference is None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sensor.engine import arguments
+from sensor.engine.chunks import Chunks
 from sensor.engine.devices import device_called
 from sensor.engine.frames import (
     FrameInput,
@@ -19,7 +20,6 @@ from sensor.engine.frames import (
     whole_microseconds,
 )
 from sensor.engine.live import Live
-from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
 from sensor.events import Columns, Events
 
@@ -71,20 +71,20 @@ class Bank:
         first = self.reader.first
         live = Live(self.models, self.speeds, self.starts, self.seed, self._device, first.size)
         with closing(live):
-            pieces = Pieces(first, [[self.models[i] for i in group] for group in live.members])
+            chunks = Chunks(first, [[self.models[i] for i in group] for group in live.members])
             yield from live.push(first[None], self.t_s[:1], rooms)
             done = 1
             while done < len(self.t_s):
                 most = live.most_frames
-                chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
-                end = done + len(chunk)
+                frames = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
+                end = done + len(frames)
                 while done < end:
-                    rest = chunk[done - end :]
+                    rest = frames[done - end :]
                     # A GPU counts events before it fires them; the processor has to foretell them.
-                    piece = rest if self._device.on_gpu else rest[: pieces.frames(rest)]
-                    yield from live.push(piece, self.t_s[done : done + len(piece)], rooms)
-                    pieces.learn(len(piece), live.fired)
-                    done += len(piece)
+                    chunk = rest if self._device.on_gpu else rest[: chunks.frames(rest)]
+                    yield from live.push(chunk, self.t_s[done : done + len(chunk)], rooms)
+                    chunks.learn(len(chunk), live.fired)
+                    done += len(chunk)
             self.reader.check_end()
             yield from live.finish()
 

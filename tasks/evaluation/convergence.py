@@ -13,7 +13,7 @@ from eres_render.progress import Progress
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from tasks.errors import TaskError
 from tasks.methods.event_integration import reconstruct
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
@@ -111,7 +111,7 @@ def _simulated(
     on_progress: Progress,
 ) -> tuple[int, int, NDArray[np.float64], list[NDArray[np.float64]]]:
     """Return a stretch's frames, events, polarity sums, and log light at its start and its end."""
-    renderer, dark_level = base.at(spp=setting.spp), DARK_FRACTION * base.white_level
+    renderer, dark_level = base.at(spp=setting.spp), DARK_SHARE * base.white_level
     side = base.camera.width
     model = SensorModel(
         width=side, height=side, contrast_threshold=CONTRAST_THRESHOLD, dark_level=dark_level

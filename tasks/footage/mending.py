@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from tasks.errors import TaskError
 
 _log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class Mender:
     """
 
     def __init__(self, white_level: float, repair: bool = False, advice: str = "") -> None:
-        self._least = -DARK_FRACTION * white_level
+        self._least = -DARK_SHARE * white_level
         self._repair = repair
         self._advice = advice
         # Pixels by file, as footage may be read several times.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from tasks.errors import RigError
 from tasks.exposures import FILE_NAME as FRAMES_TABLE
 from tasks.methods.high_pass_filter import HighPassFilter
@@ -154,7 +154,7 @@ def _from_events(
         thresholds = thresholds_of(recording.events_file, contrast_threshold)
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
-        method = _Integration(np.log(light + DARK_FRACTION), frame.t_us, *thresholds)
+        method = _Integration(np.log(light + DARK_SHARE), frame.t_us, *thresholds)
         first_us = max(first_us, float(frame.t_us))
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, Plane, Trajectory
 from sensor import Events
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from tasks.evaluation import source
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
@@ -61,7 +61,7 @@ class CropSource(Source):
         self.size = self._camera.width, self._camera.height
         self.contrast_threshold = crop.contrast_threshold
         view = page_views(self._camera, self._pose, crop.printed.page, crop.printed.light)
-        self._log_view = cache(lambda x_m: np.log(view(x_m) + DARK_FRACTION))
+        self._log_view = cache(lambda x_m: np.log(view(x_m) + DARK_SHARE))
 
     def camera(self) -> Camera:
         return self._camera

@@ -12,7 +12,7 @@ from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.cameras import EventCamera
 from sensor.cameras.camera import BUS_KEYS
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
@@ -151,7 +151,7 @@ class Simulate:
     cutoffs_hz: tuple[FloatOrInf, ...] = (math.inf, 200.0, 50.0)
     contrast_thresholds: tuple[float, ...] = (0.2,)
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
-    dark_fraction: float = field(default=DARK_FRACTION, metadata=MAY_BE_ZERO)
+    dark_fraction: float = field(default=DARK_SHARE, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=TIME_CONSTANTS, metadata=MAY_BE_ZERO)
     photoreceptors: tuple[Photoreceptor, ...] = ("two_pole",)
     sensors: tuple[EventCamera, ...] = ()

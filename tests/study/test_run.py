@@ -264,13 +264,25 @@ def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeyp
     assert json.loads((run / "scaling" / "carpet.json").read_text())["job"] == key
 
 
+def test_an_older_run_is_continued(finished, scene_folder, tmp_path):
+    """Promise: rows of jobs are read, and kept, where earlier versions had them, in `parts`."""
+    run, study = tmp_path / "run", tiny_study(scene_folder)
+    shutil.copytree(finished[0], run)
+    (run / "jobs").rename(run / "parts")
+    removed = next((run / "parts").iterdir())
+    removed.unlink()
+    assert run_study(study, run) == finished[1]
+    assert removed.exists()
+    assert not (run / "jobs").exists()
+
+
 def test_two_processes_do_not_compute_one_run(finished, scene_folder, tmp_path):
     """Promise: the second one is refused, and reads what is finished; no lock stays behind."""
     run, study = tmp_path / "run", tiny_study(scene_folder)
     shutil.copytree(finished[0], run)
     with locked(run / ".lock"):
         assert run_study(study, run) == finished[1]
-        next((run / "parts").iterdir()).unlink()
+        next((run / "jobs").iterdir()).unlink()
         with pytest.raises(StudyError, match="run: another process is computing this run; wait"):
             run_study(study, run)
     assert run_study(study, run) == finished[1]
@@ -535,7 +547,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     """Promise: damage costs a job, not the run; a message counts unused jobs."""
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
-    first, second, *_ = sorted((tmp_path / "run" / "parts").iterdir())
+    first, second, *_ = sorted((tmp_path / "run" / "jobs").iterdir())
     first.write_bytes(first.read_bytes()[:-9])
     shutil.copy(second, second.with_name("0123456789abcdef0123.parquet"))
     caplog.set_level(logging.WARNING)
@@ -544,7 +556,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     assert damaged.startswith(f"{first}: could not be read as a Parquet file")
     assert damaged.endswith("; the job is computed again")
     assert unused.endswith("left out 1 job of another study or version")
-    assert read_rows(first) == read_rows(out / "parts" / first.name)
+    assert read_rows(first) == read_rows(out / "jobs" / first.name)
 
 
 def test_where_the_finished_jobs_were_computed_stays_known(
@@ -559,7 +571,7 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     caplog.set_level(logging.WARNING)
 
     usual = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))[0]
-    part = run / "parts" / f"{usual.key}.parquet"
+    part = run / "jobs" / f"{usual.key}.parquet"
 
     def compute_one_again(before):
         file.write_text(before)
@@ -610,7 +622,7 @@ def test_a_run_is_not_continued_with_another_renderer(
     assert run_study(study, run) == finished[1]  # nothing is left to compute
     with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
         run_study(with_threshold(study, 0.4), run)  # nor between studies in one folder
-    next((run / "parts").iterdir()).unlink()
+    next((run / "jobs").iterdir()).unlink()
     with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
         run_study(study, run)
     # A cluster's environment is known only when a job is done.
@@ -625,7 +637,7 @@ def test_a_run_is_not_continued_with_another_renderer(
 FULL = "No space left on device"
 
 
-@pytest.mark.parametrize("name", ["study.json", "parts/{key}.parquet", "rows.parquet"])
+@pytest.mark.parametrize("name", ["study.json", "jobs/{key}.parquet", "rows.parquet"])
 def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkeypatch, name):
     """Promise: on a full disk, the error names the file, which keeps its old content."""
     out, rows = finished
@@ -633,7 +645,7 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkey
     study = tiny_study(scene_folder)
     key = jobs_of(study, load_scene(scene_folder))[1].key
     file = tmp_path / "run" / name.format(key=key)
-    if "parts" in name:
+    if "jobs" in name:
         file.unlink()
     before = file.read_bytes() if file.exists() else None
     monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))

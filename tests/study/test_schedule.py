@@ -181,7 +181,7 @@ def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, m
     rows = run_study(study, tmp_path / "unbroken")
     cache, broken = tmp_path / "cache", tmp_path / "broken"
     monkeypatch.setenv("ERES_CACHE", str(cache))
-    moments = (lambda: frames_begun(cache)), (lambda: list(broken.glob("parts/*.parquet")))
+    moments = (lambda: frames_begun(cache)), (lambda: list(broken.glob("jobs/*.parquet")))
     assert kill_and_resume(study, broken, moments) == rows
     assert read_rows(broken / "rows.parquet") == rows
 

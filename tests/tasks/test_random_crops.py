@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from sensor.levels import DARK_FRACTION
+from sensor.levels import DARK_SHARE
 from sensor.representations import voxel_grid
 from tasks.errors import TaskError
 from tasks.methods.high_pass_filter import HighPassFilter
@@ -288,4 +288,4 @@ def test_wrong_settings_are_refused_by_name():
         with pytest.raises(TaskError, match=words):
             replace(CROPS, **change)
     assert FlowCrops().window_ms == 50
-    assert DARK_FRACTION < DARKEST
+    assert DARK_SHARE < DARKEST

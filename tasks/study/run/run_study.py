@@ -50,7 +50,7 @@ def run_study(
     speed of each scene's camera at factor 1, the distances at which speeds in m/s hold, and the
     keys of the jobs), `environment.json` (versions and machines, and the command of the last
     start), `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
-    `costs/` (timings of each job), and `parts/` (rows of each job, with which a stopped run
+    `costs/` (timings of each job), and `jobs/` (rows of each job, with which a stopped run
     continues).
 
     Parameters

@@ -1,4 +1,4 @@
-"""Divide frames into pieces whose predicted events fit into the memory that pieces share."""
+"""Divide frames into chunks whose predicted events fit into the memory that chunks share."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sensor.model import SensorModel
 
-_PIECE_EVENTS = 1 << 24  # about as many at most: memory that the next pieces use again
+_CHUNK_EVENTS = 1 << 24  # about as many at most: memory that the next chunks use again
 _SAMPLE_PX = 1 << 10  # of a frame, which predict its events
 
 
-class Pieces:
+class Chunks:
     """Predicts the events of frames from a few pixels, and learns from the events that fire.
 
     Between two frames an ideal pixel fires its change of log light divided by C. A filter lets
@@ -45,8 +45,8 @@ class Pieces:
         change = np.abs(np.diff(logs, axis=0, prepend=self._logs[None])).mean(axis=1)
         ideal = self._per_change * change
         expected = np.cumsum(np.maximum(self._rate, self._share * ideal))
-        pieces = max(1.0, np.ceil(expected[-1] / _PIECE_EVENTS))
-        count = max(1, int(np.searchsorted(expected, expected[-1] / pieces, side="right")))
+        chunks = max(1.0, np.ceil(expected[-1] / _CHUNK_EVENTS))
+        count = max(1, int(np.searchsorted(expected, expected[-1] / chunks, side="right")))
         self._logs, self._predicted = logs[count - 1], float(ideal[:count].sum())
         return count
 
