@@ -348,6 +348,6 @@ def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) ->
     assert code == 0
     assert "24.09" in out
     assert "25.09" not in out
-    assert "contrast threshold 0.2; those of 0.1 and 0.4 are in the report" in out
+    assert "contrast threshold 0.2; the scores at 0.1 and 0.4" in out
     assert "other speeds are in the report" in out
     assert out.count("Reconstruction by event integration") == 1
