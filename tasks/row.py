@@ -113,8 +113,8 @@ def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
         table,
         data,
         compression="zstd",
+        compression_level=9,
         use_dictionary=[name for name in _COLUMNS if name != "value"],  # few values are equal
-        column_encoding={"value": "BYTE_STREAM_SPLIT"},
         write_page_checksum=True,
         store_schema=False,  # Parquet's own is enough
     )

@@ -161,7 +161,7 @@ def split_shared_time(
 
 def timings_file(timings: JobTimings) -> bytes:
     """Return the content of a job's file."""
-    return json.dumps(asdict(timings), indent=1).encode()
+    return json.dumps(asdict(timings)).encode()
 
 
 def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobTimings]:
