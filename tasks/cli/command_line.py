@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import logging
 import os
 import sys
@@ -13,7 +14,7 @@ from types import ModuleType
 from rich.text import Text
 from tyro.conf import DisallowNone, FlagCreatePairsOff
 
-from eres_render.errors import RenderError
+from eres_render.errors import RenderError, suggestion
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
 from tasks.cli import rig, terminal, train
@@ -51,6 +52,16 @@ def _name(group: ModuleType) -> str:
     return group.__name__.rpartition(".")[2]
 
 
+def _check_command(given: list[str]) -> None:
+    """Refuse an unknown command, with the names that are most like it."""
+    names = [name.split() for name in command_names()]
+    for k, word in enumerate(itertools.takewhile(lambda word: word[:1] != "-", given)):
+        known = dict.fromkeys(name[k] for name in names if name[:k] == given[:k] and name[k:])
+        if known and word not in known:
+            command = " ".join(["eres", *given[:k]])
+            raise UsageError(f"{command} has no command {word!r}; {suggestion(word, known)}")
+
+
 class _ToTerminal(logging.Handler):
     """Prints messages, each as one line: above a progress bar, and in files without line breaks."""
 
@@ -67,16 +78,19 @@ def run() -> None:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     warnings.filterwarnings("ignore", category=UserWarning, module="PIL")
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
-    overview = sys.argv[1:] in ([], ["-h"], ["--help"])
+    if sys.argv[1:] == [] or sys.argv[1:] in [[_name(group)] for group in _GROUPS]:
+        sys.argv.append("--help")
+    overview = sys.argv[1:] in (["-h"], ["--help"])
     try:
         if sys.argv[1:] == ["--version"]:
             from tasks.provenance import code
 
             terminal.say(f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}")
             return
+        _check_command(sys.argv[1:])
         app = commands(_COMMANDS, overview=overview)
         for group, inner in _GROUPS.items():
-            named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])
+            named = sys.argv[1:] in ([_name(group), "-h"], [_name(group), "--help"])
             nested = commands(inner, overview=overview or named)
             app.command(nested, name=_name(group), help=group.__doc__)
         status = app.cli(

@@ -129,6 +129,8 @@ def test_help_lists_the_commands_in_short(eres):
         (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
         (["render", "carpet", "--out", "{tmp}/file/r", "--resolution", "8"], 1, "file: found a f"),
         (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
+        (["simulat", "clip.mp4"], 2, "eres has no command 'simulat'; did you mean 'simulate'?"),
+        (["rig", "sovle", "--out", "{tmp}/r"], 2, "eres rig has no command 'sovle'; did you mean"),
         (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128 px"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
         (["study", "--out", "{tmp}/file/r"], 1, "file"),
@@ -183,6 +185,13 @@ def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
     assert code == 1
     assert "No space left on device" in err
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+@pytest.mark.parametrize("group", [(), ("rig",), ("train",)])
+def test_without_a_command_there_is_help(eres, group):
+    """Promise: `eres` alone, and a group of commands alone, print what --help prints."""
+    assert eres(*group) == eres(*group, "--help")
+    assert eres(*group)[0] == 0
 
 
 @pytest.mark.parametrize("works", [True, False])
