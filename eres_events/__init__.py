@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterable
 from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,17 +42,19 @@ _MODULES = (
 )
 
 
-def shadows() -> dict[str, Path]:
-    """Return files on Python's path with the name of one of the packages, by that name."""
-    found = {}
+def shadows(path: Iterable[str] | None = None) -> dict[str, Path]:
+    """Return files with the name of one of the packages, which Python finds first, by that name.
+
+    They are searched for in the folders of `path`, by default Python's up to that of eres.
+    """
+    files = {}
+    folders = takewhile(lambda folder: Path(folder).resolve() != _FOLDER, path or sys.path)
+    before = list(folders)
     for name in _PACKAGES:
-        elsewhere = [entry for entry in sys.path if Path(entry).resolve() != _FOLDER]
-        spec = PathFinder.find_spec(name, elsewhere)
+        spec = PathFinder.find_spec(name, before)
         if spec is not None and spec.origin is not None:
-            file = Path(spec.origin).resolve()
-            if file.parent.parent != _FOLDER:
-                found[name] = file
-    return found
+            files[name] = Path(spec.origin).resolve()
+    return files
 
 
 def _pin(name: str) -> None:

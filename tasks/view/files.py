@@ -45,7 +45,7 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
         raise TaskError("PyAV's FFmpeg has no encoder for H.264; write a .webp or .gif")
     rate = Fraction(fps).limit_denominator(1000)
     first = next(pictures)
-    options = {"crf": "23", "preset": "medium"} if encoder == "libx264" else {}
+    options = {"crf": "23", "preset": "veryfast"} if encoder == "libx264" else {}
     # An absolute path, as FFmpeg takes what is before a colon for a protocol.
     with av.open(
         str(path.absolute()), "w", format="mp4", options={"movflags": "+faststart"}
