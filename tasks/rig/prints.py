@@ -157,7 +157,7 @@ def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) 
         length_m, shortest = min((last - first, path) for path, (first, last) in spans_m.items())
         raise RigError(
             f"evaluate: {scene}: found room for {most} windows of {1e3 * travel_m:g} mm on the "
-            f"{1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes only "
+            f"{1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes "
             f"{1e3 * length_m:.3g} mm), expected room for {places}; reduce --places or --travel"
         )
     return np.asarray(first_m + (np.arange(places) + 0.5) / places * shared_m)

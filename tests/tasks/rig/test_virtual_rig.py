@@ -465,7 +465,7 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
     codes[codes.shape[0] // 2, codes.shape[1] // 2] ^= 255
     cv2.imwrite(str(image), codes)
-    with pytest.raises(RigError, match=r"others/near: its page differs"):
+    with pytest.raises(RigError, match=r"others/near: its page is not"):
         evaluate_rig([tmp_path / "crops", tmp_path / "others"], RigEvaluation(places=2))
     facts = asdict(read_crop(made))
     shutil.copytree(made, made.with_name("wide"))
