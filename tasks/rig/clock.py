@@ -52,8 +52,9 @@ def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Trigge
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
     if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):
         raise RigError(
-            f"{file}: the edges disagree by {off_us.max():.0f} us (limit {_FARTHEST_US:.0f} us), "
-            f"with a clock drift of {drift:.2g} (limit {_MAX_DRIFT:g}); check for a missing edge"
+            f"{file}: the sync edges of slider and events disagree by {off_us.max():.0f} us (limit "
+            f"{_FARTHEST_US:.0f} us), with a clock drift of {drift:.2g} (limit {_MAX_DRIFT:g}); "
+            "check for a missing edge"
         )
     return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)
 

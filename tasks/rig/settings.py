@@ -30,7 +30,8 @@ def _check_beside(field: str, name: str) -> None:
     """Refuse a file elsewhere than beside rig.toml, as a recording has a copy of both."""
     if Path(name).name != name or name in _OF_A_RECORDING:
         raise RigError(
-            f"{field}: found {name!r}, expected the name of your own file beside rig.toml"
+            f"{field}: found {name!r}, expected the name of your own file beside rig.toml, other "
+            f"than {', '.join(_OF_A_RECORDING)}"
         )
 
 
