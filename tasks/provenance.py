@@ -119,6 +119,6 @@ def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
     for name in (MITSUBA, VARIANT):
         if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):
             raise StudyError(
-                f"{name}: found {now[name]}, expected {begun[name]}, with which the run started: "
-                "continue with that, choose another folder, or mix both with --mix"
+                f"{name}: found {now[name]}, but the run started with {begun[name]}; continue with "
+                f"{begun[name]}, choose another folder, or mix both with --mix"
             )

@@ -61,7 +61,7 @@ def _check_entries(file: Path) -> None:
             check_growth(entry.file_size, entry.compress_size)
         damaged = entries.testzip()
     if damaged is not None:
-        raise WeightsError(f"{file}: damaged: {damaged} differs from its checksum")
+        raise WeightsError(f"{file}: is damaged: {damaged} does not match its checksum")
 
 
 def tensors_of(content: Any, file: Path) -> dict[str, Tensor]:
@@ -106,13 +106,13 @@ def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
         )
     values = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
     if not torch.isfinite(values).all():
-        raise WeightsError(f"{file}: {name}: found values that are not finite as {_plain(dtype)}")
+        raise WeightsError(f"{file}: {name}: found values that are not finite in {_plain(dtype)}")
     return values
 
 
 def _kind(tensor: Tensor) -> str:
     kinds = "meta" if tensor.is_meta else _plain(tensor.layout)
-    return f"{_plain(tensor.dtype)} values, {kinds}"
+    return f"{_plain(tensor.dtype)} values ({kinds})"
 
 
 def _plain(kind: torch.dtype | torch.layout) -> str:
@@ -127,7 +127,7 @@ def check_bins(bins: int, file: Path) -> int:
 
 
 def _shape(tensor: Tensor | None) -> str:
-    return "no such entry" if tensor is None else f"shape {tuple(tensor.shape)}"
+    return "no entry" if tensor is None else f"shape {tuple(tensor.shape)}"
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -49,7 +49,7 @@ def check_memory(name: str, width: int, height: int, needed: int) -> None:
     """
     if needed > memory_bytes():
         raise WeightsError(
-            f"{name}: at {width}x{height} px it needs {needed / 1e9:.1f} GB of memory, and this "
+            f"{name}: at {width}x{height} px it needs {needed / 1e9:.1f} GB of memory, but this "
             f"machine has {memory_bytes() / 1e9:.1f} GB; choose a smaller sensor"
         )
 

@@ -52,7 +52,7 @@ class E2vidNetwork:
         if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
             expected = f"at least {(multiple + 4) // 3} px on each side"
         elif options.norm == "IN" and max(width, height) <= multiple:
-            expected = f"more than {multiple} px on a side, as it normalizes over the image"
+            expected = f"more than {multiple} px on at least one side, to normalize the image"
         if expected:
             raise WeightsError(
                 f"{self._name}: found a sensor of {width}x{height} px, expected {expected}"

@@ -88,7 +88,7 @@ def load(file: Path) -> ERaft:
     model = content.get("model") if isinstance(content, Mapping) else None
     if not isinstance(model, Mapping) or _FIRST not in model:
         raise WeightsError(
-            f"{file}: found {held(content)}, expected the weights of E-RAFT as model"
+            f"{file}: found {held(content)}, expected model with the weights of E-RAFT"
         )
     return eraft_of(_with_both_names(tensors_of(model, file), file), file, (1,))
 
@@ -102,7 +102,7 @@ def eraft_of(
     if not narrower:
         channels = " or ".join(str(_CHANNELS // n) for n in divisors)
         raise WeightsError(
-            f"{file}: {_FIRST}: found shape {shape}, expected four axes, the first of {channels}"
+            f"{file}: {_FIRST}: found shape {shape}, expected four axes and {channels} channels"
         )
     bins = check_bins(shape[1], file)
     return ERaft(with_weights(partial(ERAFT, bins, narrower[0]), state, file), bins, name)
@@ -116,5 +116,5 @@ def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
             for name in [name for name in state if name.startswith(start)]:
                 twin = other + name.removeprefix(start)
                 if not torch.equal(whole.setdefault(twin, state[name]), state[name]):
-                    raise WeightsError(f"{file}: {twin} and {name} differ, expected the same")
+                    raise WeightsError(f"{file}: {twin} and {name} differ, expected equal values")
     return whole

@@ -55,8 +55,8 @@ def load_method(
     listed = TASKS[task].methods
     if ":" not in name and name not in listed:
         raise TaskError(
-            f"{task}: no method {name!r}, {suggestion(name, listed)} "
-            "(the name of your own method is package.module:function)"
+            f"{task}: no method {name!r}; {suggestion(name, listed)} "
+            "(for your own method, give package.module:function)"
         )
     module, _, function = TASKS[task].method(name).place.partition(":")
     import_module = importlib.import_module if name in listed else import_own
@@ -89,14 +89,14 @@ def task_of(name: str) -> str:
         if len(tasks) == 1:
             return tasks[0]
         known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
-        several = f"method {name!r} is of several tasks: {', '.join(tasks)}"
-        raise TaskError(several if tasks else f"no method {name!r}, {suggestion(name, known)}")
+        several = f"method {name!r} belongs to several tasks: {', '.join(tasks)}"
+        raise TaskError(several if tasks else f"no method {name!r}; {suggestion(name, known)}")
     function = load_method(next(iter(TASKS)), name)
     if not (told := _told_tasks(function)):
         expected = ", ".join(sample.__name__ for sample in _samples().values())
         raise TaskError(
             f"method {name!r}: found {_first_type(function)} as the type of its first parameter, "
-            f"expected one of {expected}, which determines the task"
+            f"expected one of {expected}; the type determines the task"
         )
     return told[0]
 

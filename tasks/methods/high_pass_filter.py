@@ -112,8 +112,8 @@ class HighPassFilter:
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:
             raise TaskError(
-                f"high-pass filter: found {t_us} us, expected at least {self._t_us} us, the "
-                "time of the last event"
+                f"high-pass filter: found the time {t_us} us, expected at least {self._t_us} us, "
+                "the time of the last event"
             )
 
 

@@ -38,7 +38,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     if file is None:
         raise WeightsError(
             f"{task}, method {name!r}: needs weights; give --weights {name}=FILE, or {name} under "
-            "[weights] in the file of a study"
+            "[weights] in the study's file"
         )
     try:
         return _loaded(TASKS[task].method(name).network, *_version(file))
@@ -90,7 +90,7 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
                 raise WeightsError(f"weights: found {option!r}, expected {expected}")
             name = asked[0]
         if name not in networks or name in files:
-            reason = "is not a method to run" if name in known else suggestion(name, known)
+            reason = "is not among the methods" if name in known else suggestion(name, known)
             reason = "has two files" if name in files else reason
             raise WeightsError(f"weights: {name!r}: {reason}")
         files[name] = str(Path(file).absolute())

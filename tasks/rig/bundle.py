@@ -197,8 +197,8 @@ def solve(
         near = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
         if near.mean() < _MIN_INLIERS:
             raise RigError(
-                f"solve: {np.sum(~near)} of {len(near)} markers contradict the others; check the "
-                "page and the camera"
+                f"solve: only {np.sum(near)} of {len(near)} markers fit the solution, less than "
+                "half; check the page and the camera"
             )
         if np.array_equal(near, inliers):
             break
@@ -213,8 +213,8 @@ def _check_enough(corners: Corners, slider: Slider) -> None:
     positions, markers = len(np.unique(slider.position_m(corners.t_us))), len(corners.t_us)
     if positions < _MIN_POSITIONS or markers < _MIN_MARKERS:
         raise RigError(
-            f"solve: needs at least {_MIN_MARKERS} markers at {_MIN_POSITIONS} positions of the "
-            f"slider, found {markers} at {positions}"
+            f"solve: found {markers} markers at {positions} positions of the slider, expected at "
+            f"least {_MIN_MARKERS} markers at {_MIN_POSITIONS} positions"
         )
 
 
@@ -225,7 +225,7 @@ def _check_both_directions(slider: Slider, corners: Corners) -> None:
     forth, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
     if min(forth, back) < max(1, _MIN_SHARE * (forth + back)):
         raise RigError(
-            f"solve: --latency needs motion in both directions, found {forth} images on the way "
+            f"solve: --latency needs images in both directions of travel; found {forth} on the way "
             f"there and {back} on the way back"
         )
 
@@ -324,7 +324,7 @@ class _Model:
                 max_nfev=_MAX_STEPS,
             )
         except RenderError:  # the page is behind the camera
-            raise RigError("solve: the fit lost the page; check the page and the camera") from None
+            raise RigError("solve: the fit put the page behind the camera; check both") from None
         if not fitted.success:
             raise RigError(f"solve: the fit did not converge: {fitted.message}")
         return fitted.x
@@ -347,8 +347,8 @@ class _Model:
         condition = singular[-1] / singular[0]
         if condition < _WORST_CONDITION:
             raise RigError(
-                f"solve: the corners do not determine {names[int(np.argmax(abs(directions[-1])))]}:"
-                f" the smallest singular value is {condition:.1g} of the largest"
+                f"solve: the corners do not determine {names[int(np.argmax(abs(directions[-1])))]} "
+                f"(ratio of singular values {condition:.1g}, limit {_WORST_CONDITION:g})"
             )
         variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
         extra = self._extra(values)

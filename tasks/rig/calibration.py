@@ -41,7 +41,7 @@ class StoredPose:
     def __post_init__(self) -> None:
         R = np.array(self.R_world_cam)
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
-            raise RigError("R_world_cam: expected the rows of a rotation matrix")
+            raise RigError("R_world_cam: is not a rotation matrix")
 
     @classmethod
     def of(cls, pose: RigPose) -> StoredPose:
@@ -111,8 +111,8 @@ class SolvedRecording:
         for name, ours, theirs in zip(_OF_CAMERA, solved, recorded, strict=False):
             if not math.isclose(ours, theirs, rel_tol=1e-9, abs_tol=1e-12):
                 raise RigError(
-                    f"calibration: its camera has {name} = {ours:.6g}, that of the recording "
-                    f"{theirs:.6g}; run `eres rig solve` again"
+                    f"calibration: its camera has {name} = {ours:.6g}, but the recording's camera "
+                    f"has {name} = {theirs:.6g}; run `eres rig solve` again"
                 )
 
 
@@ -130,7 +130,7 @@ class RigCalibration:
             if solved.recording == wanted:
                 solved.check_camera(recording.camera)
                 return solved
-        raise RigError(f"calibration: {wanted} is missing; give it to `eres rig solve` too")
+        raise RigError(f"calibration: does not include {wanted}; run `eres rig solve` with it too")
 
 
 def solve_recording(
@@ -148,7 +148,7 @@ def solve_recording(
     outside_px = (corners_px - (camera.width, camera.height)).max(initial=0.0)
     if outside_px > _EDGE_PX or numbers.max(initial=0) >= len(page.markers_m):
         raise RigError(
-            f"{recording.folder}: the corners are of another page or camera; detect them again"
+            f"{recording.folder}: its corners are from another page or camera; detect them again"
         )
     page_m = np.array([page.corners(k) for k in numbers.tolist()]).reshape(-1, 4, 2)
     corners = Corners(t_us.astype(np.float64), page_m, corners_px)
@@ -156,8 +156,8 @@ def solve_recording(
         solution = solve(corners, recording.slider, camera, unknowns)
     if solution.rms_px > max_rms_px:
         raise RigError(
-            f"{recording.folder}: solve: the residuals are {solution.rms_px:.2f} px, more than "
-            f"--max-rms {max_rms_px:g}; check the clocks, the page and the camera"
+            f"{recording.folder}: solve: the root mean square residual is {solution.rms_px:.2f} px,"
+            f" more than --max-rms {max_rms_px:g}; check the clocks, the page and the camera"
         )
     x_m = recording.slider.position_m(t_us[solution.inliers])
     return SolvedRecording(

@@ -61,7 +61,7 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
         lacks = {px for (other, _), of in of_light.items() if other == scene for px in of - has}
         if lacks:
             _log.warning(
-                "%s: cutoff %g Hz, threshold %g: there are crops of %s, but none of %s",
+                "%s: cutoff %g Hz, threshold %g: has crops %s wide, but none %s wide",
                 *(scene, *light, _named(has), _named(lacks)),
             )
     grouped: list[Row] = []
@@ -73,8 +73,8 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
         rows = _equal(items, of_light[scene, light])
         if not rows:
             named = _named(of_light[scene, light])
-            lacking = f"{task} of {scene}: crops of {named} share no place at any speed"
-            _log.warning("%s; left out", lacking)
+            lacking = f"{task} of {scene}: crops {named} wide share no place at any speed"
+            _log.warning("%s; this task is left out", lacking)
         grouped += rows
     if every and not grouped:
         raise RigError(

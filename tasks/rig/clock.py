@@ -43,8 +43,8 @@ def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Trigge
             t_us = triggers().rising_us().astype(np.float64)
     if not 0 < len(t_us) == len(slider_us):
         raise RigError(
-            f"{file}: the slider has {len(slider_us)} edges, the events {len(t_us)} rising ones; "
-            "each edge needs both times"
+            f"{file}: has {len(slider_us)} edges of the slider, and the events have {len(t_us)} "
+            "rising edges; each edge needs a time on both clocks"
         )
     spans = float(np.ptp(slider_us)) >= _MIN_SPAN * float(np.ptp(slider.t_us))
     drift = _drift(slider_us, t_us) if spans else 0.0
@@ -52,8 +52,9 @@ def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Trigge
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
     if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):
         raise RigError(
-            f"{file}: the edges differ by {off_us.max():.0f} us at a drift of {drift:.2g}; the "
-            f"limits are {_FARTHEST_US:.0f} us and {_MAX_DRIFT:g}; is an edge missing?"
+            f"{file}: the sync edges of slider and events disagree by {off_us.max():.0f} us (limit "
+            f"{_FARTHEST_US:.0f} us), with a clock drift of {drift:.2g} (limit {_MAX_DRIFT:g}); "
+            "check for a missing edge"
         )
     return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)
 

@@ -131,8 +131,8 @@ def common_boxes(
         roll_deg = math.degrees(math.atan2(right[1], right[0]))
         if _MAX_ROLL_DEG < abs(roll_deg) < 180 - _MAX_ROLL_DEG:
             raise RigError(
-                f"crop: a camera is rolled by {roll_deg:.0f} degrees against the nearest one; the "
-                f"limit is {_MAX_ROLL_DEG} degrees, upright or upside down"
+                f"crop: a camera is rolled by {roll_deg:.0f} degrees relative to the nearest "
+                f"camera; the limit is {_MAX_ROLL_DEG} degrees from upright or upside down"
             )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
     boxes = [Box(0, 0, camera.width, camera.height) for camera in cameras]
@@ -160,7 +160,7 @@ def _inside(box: Box, sides_px: Float64) -> Box:
         min(box.bottom, int(np.floor(bottom[:, 1].min() + 1e-6))),
     )
     if part.width < 1 or part.height < 1:
-        raise RigError("crop: no part of the page is in view of all cameras all the time")
+        raise RigError("crop: no part of the page stays visible to all cameras; reduce the travel")
     return part
 
 
@@ -203,9 +203,9 @@ def crop(
     solved = [calibration.of(recording) for recording in recordings]
     folders = [out / recording.folder.resolve().name for recording in recordings]
     if len(set(folders)) < len(folders):
-        raise RigError("crop: two recordings have the same name; rename one of the folders")
+        raise RigError("crop: two recordings have the same folder name; rename one folder")
     if any(recording.page != recordings[0].page for recording in recordings):
-        raise RigError("crop: the recordings are of different pages")
+        raise RigError("crop: the recordings show different pages; crop each page separately")
     x_m = max(solution.x_m[0] for solution in solved), min(solution.x_m[1] for solution in solved)
     if not x_m[0] < x_m[1]:
         raise RigError("crop: the recordings share no range of slider positions")
@@ -213,12 +213,12 @@ def crop(
     boxes = common_boxes(cameras, [solution.pose.pose() for solution in solved], x_m)
     for folder in folders:
         if (folder / rig_files.FILE_NAME).exists():
-            raise RigError(f"{folder}: is the folder of a recording; give another --out")
+            raise RigError(f"{folder}: contains a recording; choose another --out")
         clear_unfinished(folder)
         check_new(folder / FILE_NAME, overwrite)
     for file in out.glob(f"*/{FILE_NAME}"):
         if file.parent not in folders:
-            raise RigError(f"{file.parent}: was cropped with other recordings; give another --out")
+            raise RigError(f"{file.parent}: is a crop of another recording; choose another --out")
     for folder in folders:  # the field may be another one
         (folder / FILE_NAME).unlink(missing_ok=True)
     for k, (recording, box) in enumerate(zip(recordings, boxes, strict=True)):
@@ -283,5 +283,5 @@ def span_of_events(folder: Path) -> tuple[int, int]:
     file = folder / EVENTS_NAME
     ends = [int(part.t_us[k]) for part in read_events(file) if len(part) for k in (0, -1)]
     if not ends:
-        raise RigError(f"{file}: no events")
+        raise RigError(f"{file}: has no events")
     return ends[0], ends[-1]

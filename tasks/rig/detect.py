@@ -63,7 +63,7 @@ def detect(
     if contrast_threshold is not None:
         check_positive("threshold", contrast_threshold, RigError)
     if not 0 <= blur_px < camera.width:
-        raise RigError(f"blur: found {blur_px:g} px, expected 0 to {camera.width}, the width")
+        raise RigError(f"blur: found {blur_px:g} px, expected 0 to the width, {camera.width} px")
     count = len(page.markers_m)
     finder = detector(page.dictionary, count, camera.width, refinement or "contour")
     if source != "hf" and not recording.frames:
@@ -80,7 +80,7 @@ def detect(
     t_us, numbers, corners_px, scores = map(np.concatenate, zip(*rows, strict=True))
     if not len(t_us):
         raise RigError(
-            f"{recording.folder}: no marker of {page.dictionary} is visible in {len(rows)} images"
+            f"{recording.folder}: none of {len(rows)} images shows a marker of {page.dictionary}"
         )
     return Detections(t_us, numbers, corners_px, scores, source)
 
@@ -100,8 +100,8 @@ def _frames(recording: RigRecording, images: int, max_speed_mps: float) -> Pictu
     usable = np.flatnonzero(read & (np.abs(slider.speed_mps(t_us)) <= max_speed_mps))
     if not usable.size:
         raise RigError(
-            f"{recording.folder / FRAMES_TABLE}: no frame from {slider.t_us[0]:.0f} to "
-            f"{slider.t_us[-1]:.0f} us, the slider's readings (--max-speed {max_speed_mps:g})"
+            f"{recording.folder / FRAMES_TABLE}: has no frame within {slider.t_us[0]:.0f} to "
+            f"{slider.t_us[-1]:.0f} us, the slider's readings, at up to --max-speed {max_speed_mps}"
         )
     taken_us = t_us[usable]
     wanted_us = slider.evenly_along(images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps)

@@ -132,8 +132,8 @@ def evaluate_rig(
         rows_of_crops.append(rows + rows_of(crop, windows, every, continuous=True))
     if not any(rows_of_crops):
         raise RigError(
-            "crops: nothing to score: no task, no corners in the picture, or windows too close to "
-            "the ends of the slider's readings for tracking"
+            "crops: nothing to score; either there is no task, or the picture has no corners, or "
+            "the windows are too close to the ends of the slider's readings for tracking"
         )
     return in_cells(rows_of_crops, dict.fromkeys(every, MAX_ITEMS))
 
@@ -159,14 +159,14 @@ def rows_of(
 def crops_in(folder: Path) -> list[Path]:
     """Return the folders of the crops that `eres rig crop` wrote."""
     if not (files := sorted(folder.glob(f"*/{FILE_NAME}"))):
-        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
+        raise RigError(f"{folder}: has no crops; give the output folder of `eres rig crop`")
     return [file.parent for file in files]
 
 
 def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> Crop:
     if settings.tracking and any(cropped.lens):
         raise RigError(
-            f"{folder / FILE_NAME}: lens: tracking needs no distortion; give --tasks flow video"
+            f"{folder / FILE_NAME}: lens: tracking supports no distortion; use --tasks flow video"
         )
     file = folder / EVENTS_NAME
     model = read_header(file).model
@@ -182,8 +182,8 @@ def _windows(crop: Crop, travel_m: float) -> list[Window]:
     if not windows:
         seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
         raise RigError(
-            f"{crop.folder / EVENTS_NAME}: none of {len(crop.printed.places_m)} places has a "
-            f"window of {1e3 * travel_m:g} mm at constant speed in {seconds:.3g} s; give more "
-            "places, or less travel"
+            f"{crop.folder / EVENTS_NAME}: at none of {len(crop.printed.places_m)} places does the "
+            f"slider travel {1e3 * travel_m:g} mm at constant speed within {seconds:.3g} s; "
+            "increase --places, or reduce --travel"
         )
     return windows

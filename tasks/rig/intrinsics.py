@@ -89,7 +89,7 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     """
     parts = [part for part in read_events(path, size=size) if len(part)]
     if not parts:
-        raise RigError(f"{path}: no events")
+        raise RigError(f"{path}: has no events")
     first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
@@ -138,7 +138,7 @@ def calibrate(
     """
     if len(views_px) < _MIN_VIEWS:
         raise RigError(
-            f"intrinsics: {len(views_px)} recordings show the board, but {_MIN_VIEWS} are needed"
+            f"intrinsics: found the board in {len(views_px)} files, expected at least {_MIN_VIEWS}"
         )
     points = [board.points_m()] * len(views_px)
     # OpenCV puts (0, 0) at the center of the first pixel.
@@ -148,7 +148,7 @@ def calibrate(
             points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
         )
     except cv2.error as error:
-        raise RigError(f"intrinsics: the views give no camera: {error.err}") from error
+        raise RigError(f"intrinsics: OpenCV could not calibrate: {error.err}") from error
     k1, k2, p1, p2 = lens.ravel()[:4].tolist()
     corners_m = board.points_m().astype(np.float64)
     derivatives = [
@@ -217,7 +217,7 @@ def intrinsics(
     for k, path in enumerate(paths):
         sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
-            raise RigError(f"{path}: its sensor differs in size from the recordings before it")
+            raise RigError(f"{path}: the recordings have different sensor sizes: {sorted(sizes)}")
         for gray in board_images(path, size):
             view_px = find_board(gray, board)
             if view_px is not None:

@@ -31,7 +31,7 @@ def light_of_crop(folder: Path) -> Footage:
     first_us, last_us = span_of_events(folder)
     t_us = np.arange(max(first_us, slider.t_us[0]), min(last_us, slider.t_us[-1]), _STEP_US)
     if len(t_us) < 2:
-        raise RigError(f"{folder}: the events and the slider's readings do not overlap")
+        raise RigError(f"{folder}: the events and the slider's readings do not overlap in time")
     x_m = slider.position_m(t_us)
     # Of points in view: a lens compresses the way of one that leaves the middle of the image.
     at_m = on_page(pose, camera, camera.grid(3), float(x_m.mean()))
@@ -40,7 +40,7 @@ def light_of_crop(folder: Path) -> Footage:
     way = np.abs(np.diff(x_m)).cumsum() * px_per_m / _STEP_PX
     steps = int(way[-1])
     if steps < 2:
-        raise RigError(f"{folder}: the image moves by only {_STEP_PX * way[-1]:.2g} px")
+        raise RigError(f"{folder}: the image moves {_STEP_PX * way[-1]:.2g} px, less than 1 px")
     knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
     length = min(_MAX_STEPS, steps)
     start = int(np.argmin(knots_us[length:] - knots_us[:-length]))

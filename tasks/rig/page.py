@@ -98,7 +98,7 @@ def lay_out(settings: PageSettings) -> Page:
     longest = max(settings.width_m, settings.height_m) / dot_m
     if not longest <= _MAX_SIDE:
         raise RigError(
-            f"page: its side of {longest:.6g} dots is longer than {_MAX_SIDE}; reduce dpi or size"
+            f"page: its longer side has {longest:.6g} dots (limit {_MAX_SIDE}); reduce dpi or size"
         )
     width, height = _dots(settings.width_m, dot_m), _dots(settings.height_m, dot_m)
     side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
@@ -120,7 +120,7 @@ def lay_out(settings: PageSettings) -> Page:
     available = len(dictionary.bytesList)
     if not 0 < len(places) <= available:
         raise RigError(
-            f"page: found room for {len(places)} markers, expected 1 to {available}, the number in "
+            f"page: has room for {len(places)} markers, expected 1 to {available}, the number in "
             f"{settings.dictionary}; change marker_pitch_m"
         )
     return Page(

@@ -74,11 +74,11 @@ class Way:
         first_us = max(self.first_us, math.ceil(t_us[0]))
         last_us = min(self.last_us, math.floor(t_us[-1]))
         if first_us >= last_us:
-            raise RigError("slider: the readings do not overlap the events")
+            raise RigError("slider: the readings and the events do not overlap in time")
         inside = x_m[(t_us >= first_us) & (t_us <= last_us)]
         x = [*self.slider.position_m([first_us, last_us]).tolist(), *inside.tolist()]
         if min(x) == max(x):
-            raise RigError(f"slider: the carriage stays at {x[0]:g} m")
+            raise RigError(f"slider: the carriage stays at {x[0]:g} m during the events")
         object.__setattr__(self, "first_us", first_us)
         object.__setattr__(self, "last_us", last_us)
         object.__setattr__(self, "_reached_m", (min(x), max(x)))

@@ -116,12 +116,12 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
         other_page, other_light = read_print(other)
         if other_page != page or not np.array_equal(other_light, light):
             raise RigError(
-                f"{other}: its page differs from that of {folder}; evaluate each print separately"
+                f"{other}: its page is not the page of {folder}; evaluate each print separately"
             )
         other_field_m = _field_m(crops[other])
         if not 1 / _SAME_FIELD < other_field_m / field_m < _SAME_FIELD:
             raise RigError(
-                f"{other}: its field is {1e3 * other_field_m:.3g} mm wide, that of {folder} "
+                f"{other}: its field is {1e3 * other_field_m:.3g} mm wide, but in {folder} it is "
                 f"{1e3 * field_m:.3g} mm; crop all recordings of a print with one `eres rig crop`"
             )
     direction = crops[folder].pose.pose().direction[:2]
@@ -156,8 +156,8 @@ def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) 
     if places > most:
         length_m, shortest = min((last - first, path) for path, (first, last) in spans_m.items())
         raise RigError(
-            f"evaluate: {scene}: there is room for {most} windows of {1e3 * travel_m:g} mm on the "
+            f"evaluate: {scene}: found room for {most} windows of {1e3 * travel_m:g} mm on the "
             f"{1e3 * shared_m:.3g} mm that all recordings pass ({shortest} passes "
-            f"{1e3 * length_m:.3g} mm), not for {places}; reduce --places or --travel"
+            f"{1e3 * length_m:.3g} mm), expected room for {places}; reduce --places or --travel"
         )
     return np.asarray(first_m + (np.arange(places) + 0.5) / places * shared_m)

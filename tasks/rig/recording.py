@@ -110,8 +110,8 @@ class RigRecording:
         camera = self.camera
         if header.width and (header.width, header.height) != (camera.width, camera.height):
             raise RigError(
-                f"{self.events_file}: the sensor has {header.width}x{header.height} px, the camera "
-                f"of {rig_files.FILE_NAME} {camera.width}x{camera.height}"
+                f"{self.events_file}: the sensor has {header.width}x{header.height} px, but the "
+                f"camera in {rig_files.FILE_NAME} has {camera.width}x{camera.height} px"
             )
         return header
 
@@ -124,12 +124,12 @@ class RigRecording:
                 ends_us = [*ends_us[:1], int(part.t_us[0]), int(part.t_us[-1])]
             yield part
         if not ends_us:
-            raise RigError(f"{self.events_file}: no events")
+            raise RigError(f"{self.events_file}: has no events")
         start_us, end_us = self.slider.t_us[[0, -1]].tolist()
         if ends_us[-1] <= start_us or ends_us[0] >= end_us:
             raise RigError(
-                f"{self.folder}: the clocks disagree: the events are from {ends_us[0]} to "
-                f"{ends_us[-1]} us, the slider's readings from {start_us:.0f} to {end_us:.0f} us"
+                f"{self.folder}: the events last from {ends_us[0]} to {ends_us[-1]} us, the "
+                f"slider's readings from {start_us:.0f} to {end_us:.0f} us; check the clocks"
             )
 
     @cached_property

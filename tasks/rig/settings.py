@@ -30,7 +30,8 @@ def _check_beside(field: str, name: str) -> None:
     """Refuse a file elsewhere than beside rig.toml, as a recording has a copy of both."""
     if Path(name).name != name or name in _OF_A_RECORDING:
         raise RigError(
-            f"{field}: found {name!r}, expected the name of another file beside rig.toml"
+            f"{field}: found {name!r}, expected the name of your own file beside rig.toml, other "
+            f"than {', '.join(_OF_A_RECORDING)}"
         )
 
 
@@ -112,11 +113,11 @@ class SliderSettings:
         fastest = math.sqrt(self.travel_m * self.acceleration_mps2)
         if not self.speeds_mps or not all(0 < speed <= fastest for speed in self.speeds_mps):
             raise RigError(
-                f"speeds_mps: found {self.speeds_mps}, expected 0 to {fastest:.3g} m/s, the limit "
-                "of acceleration_mps2 and travel_m"
+                f"speeds_mps: found {self.speeds_mps}, expected speeds above 0 and up to "
+                f"{fastest:.3g} m/s, the limit from acceleration_mps2 and travel_m"
             )
         if not math.hypot(*self.direction) > 0:
-            raise RigError(f"direction: found {self.direction}, expected a vector that is not 0")
+            raise RigError(f"direction: found {self.direction}, expected a vector other than zero")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +213,7 @@ class RigSettings:
 
     def __post_init__(self) -> None:
         if (self.camera is None) == (self.camera_file is None):
-            raise RigError("give either camera or camera_file")
+            raise RigError("give camera or camera_file, not both")
         if self.camera_file is not None:
             _check_beside("camera_file", self.camera_file)
 

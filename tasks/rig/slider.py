@@ -49,13 +49,13 @@ class Slider:
 
     def __post_init__(self) -> None:
         if len(self.t_us) < 2:
-            raise RigError(f"slider: found {len(self.t_us)} readings, expected two or more")
+            raise RigError(f"slider: found {len(self.t_us)} readings, expected at least 2")
         finite = np.isfinite(self.t_us) & np.isfinite(self.x_m)
         wrong = np.flatnonzero(~finite | ~(np.diff(self.t_us, prepend=-np.inf) > 0))
         if wrong.size:
             raise RigError(
-                f"slider: reading {wrong[0] + 1}, {self.x_m[wrong[0]]:g} m at "
-                f"{self.t_us[wrong[0]]:g} us, is not finite or not later than the reading before it"
+                f"slider: reading {wrong[0] + 1}: found {self.x_m[wrong[0]]:g} m at "
+                f"{self.t_us[wrong[0]]:g} us, expected finite numbers and increasing times"
             )
 
     def position_m(self, t_us: ArrayLike) -> Float64:
@@ -64,7 +64,7 @@ class Slider:
         if t.size and not (t.min() >= self.t_us[0] and t.max() <= self.t_us[-1]):
             raise RigError(
                 f"slider: the readings, from {self.t_us[0]:.0f} to {self.t_us[-1]:.0f} us, do not "
-                f"cover {t.min():.0f} to {t.max():.0f} us; do the two clocks agree?"
+                f"cover {t.min():.0f} to {t.max():.0f} us; check that both clocks agree"
             )
         return np.interp(t, self.t_us, self.x_m)
 
@@ -87,8 +87,8 @@ class Slider:
         if gaps.size:
             worst = gaps[np.argmax(steps_us[gaps])]
             raise RigError(
-                f"slider: it moved without readings from {self.t_us[worst]:.0f} to "
-                f"{self.t_us[worst + 1]:.0f} us; usually there is one every {usual_us:.0f} us"
+                f"slider: no readings from {self.t_us[worst]:.0f} to {self.t_us[worst + 1]:.0f} us,"
+                f" while the carriage moved; usually there is one every {usual_us:.0f} us"
             )
 
     def evenly_along(
@@ -115,8 +115,8 @@ class Slider:
         way = np.concatenate([[0.0], np.cumsum(np.where(moves, speed * np.diff(t), 0.0))])
         if not way[-1] > 0:
             raise RigError(
-                f"slider: no motion from {start_us:.0f} to {end_us:.0f} us "
-                f"(--max-speed {max_speed_mps:g})"
+                f"slider: no motion from {start_us:.0f} to {end_us:.0f} us at up to "
+                f"--max-speed {max_speed_mps:g}"
             )
         wanted = (np.arange(count) + 0.5) / count * way[-1]
         return np.round(np.interp(wanted, way, t)).astype(np.int64)
@@ -150,10 +150,10 @@ def read_columns(
     names = (*names, *(name for name in optional if name in columns))
     for name in names:
         if name not in columns:
-            raise RigError(f"{file}: no column {name}; there are {', '.join(columns) or 'none'}")
+            raise RigError(f"{file}: has no column {name}; found {', '.join(columns) or 'none'}")
         for number, line in enumerate(lines, start=2):
             if not (line[name] or "").strip():
-                raise RigError(f"{file}, line {number}: {name}: no value")
+                raise RigError(f"{file}, line {number}: {name}: has no value")
     return {name: [line[name].strip() for line in lines] for name in names}
 
 

@@ -111,7 +111,7 @@ def render_rig(
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
-        raise RigError(f"{rig_file}: slider: missing; it describes the strokes to render")
+        raise RigError(f"{rig_file}: slider: is missing; it describes the strokes to render")
     check_positive("depth", depth_m, RigError, "a positive number of meters")
     check_bounds("images", images, 0)
     _check_images(out, images)
@@ -154,7 +154,7 @@ def _check_images(out: Path, images: int) -> None:
     earlier = sorted((out / FRAMES_FOLDER).glob(f"{'[0-9]' * 6}.png"))
     if earlier and (last := int(earlier[-1].stem)) > images:
         raise RigError(
-            f"{earlier[-1]}: is of an earlier render; give --images {last} or more, or a new folder"
+            f"{earlier[-1]}: is from an earlier render; give --images >= {last}, or another --out"
         )
 
 
@@ -163,13 +163,13 @@ def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
     virtual = (out / TRUTH_NAME).exists()
     real = [] if virtual else [*out.glob(exposures.FILE_NAME), *out.glob("events.*")]
     if real:
-        raise RigError(f"{real[0]}: belongs to a real recording; give a new folder")
+        raise RigError(f"{real[0]}: belongs to a real recording; choose another --out")
     with tempfile.TemporaryDirectory() as folder:
         _write_facts(Path(folder), page, slider, pose)
         for file in Path(folder).iterdir():
             old = out / file.name
             if old.read_bytes() != file.read_bytes() if old.exists() else virtual:
-                raise RigError(f"{old}: is of another rig or depth; give a new folder")
+                raise RigError(f"{old}: was made for another rig or depth; choose another --out")
 
 
 def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera) -> None:
@@ -178,7 +178,7 @@ def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera
     for manifest in (out / LIGHT_FOLDER).glob("*/manifest.json"):
         same = image.exists() and np.array_equal(read_page_image(image, page), codes)
         if read_manifest(manifest.parent).camera != camera or not same:
-            raise RigError(f"{manifest}: is of another camera or picture; give a new folder")
+            raise RigError(f"{manifest}: is from another camera or picture; choose another --out")
 
 
 def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:

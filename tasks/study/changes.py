@@ -45,7 +45,7 @@ def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | No
     paths = {name: given[_place(name)] for name in chosen if _place(name) in given}
     if trajectory is not None:
         if len(chosen) > 1:
-            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share a path; choose one")
+            raise StudyError(f"trajectory: {len(chosen)} scenes cannot share it; choose one scene")
         paths = {chosen[0]: str(trajectory)}
     return replace(study, scenes=chosen, trajectories=paths or None)
 

@@ -94,7 +94,7 @@ def _check_lists(study: Study) -> None:
         lists.append((f"evaluate.{task}, methods", planned.methods or None))
     for place, values in lists:
         if values is not None and not 0 < len(values) == len(set(values)):
-            expected = "each of them once" if values else "one or more"
+            expected = "each once" if values else "one or more"
             raise StudyError(f"{place}: found {values or 'none'}, expected {expected}")
     for name in study.trajectories or {}:
         if name not in study.scenes:
@@ -109,8 +109,8 @@ def _check_needs(study: Study) -> None:
             raise StudyError(f"simulate.{name}: needs simulate.{needed}")
     if simulate.distance_m is not None and simulate.same_lens:
         raise StudyError(
-            "simulate.distance_m: cannot be combined with simulate.same_lens, which gives each "
-            "width a distance"
+            "simulate.distance_m: cannot be combined with simulate.same_lens, which sets a "
+            "distance for each width"
         )
 
 
@@ -130,8 +130,8 @@ def _check_sensors(study: Study) -> None:
         width, height = render.seen_px(model.width, model.height)
         if model.width > width or model.height > height:
             raise StudyError(
-                f"simulate.{_named(camera)}, finer than the {width}x{height} px of the frames that "
-                "it sees; increase render.resolution"
+                f"simulate.{_named(camera)}, finer than the {width}x{height} px of the frames in "
+                "its view; increase render.resolution"
             )
         if model.cutoff_hz < _MIN_HZ:
             raise StudyError(
@@ -141,7 +141,7 @@ def _check_sensors(study: Study) -> None:
         if (least := min(model.contrast_threshold, model.off_threshold)) > _MAX_THRESHOLD:
             raise StudyError(
                 f"simulate: found a contrast threshold of {least:g}, expected at most "
-                f"{_MAX_THRESHOLD:.3g}, the log of the brightest over the darkest pixel of a frame"
+                f"{_MAX_THRESHOLD:.3g}, the largest log contrast of a frame"
             )
 
 
@@ -166,15 +166,15 @@ def _check_tasks(study: Study) -> None:
         twice = speeds & {*stretches.speeds}
         if planned.methods and twice:
             raise StudyError(
-                f"evaluate.{task}: found methods for a speed of {max(twice):g}, which "
-                "simulate.speeds has for all methods; choose another speed"
+                f"evaluate.{task}: has methods only for speed {max(twice):g}, but this speed is "
+                "also in simulate.speeds, for all methods; choose another speed"
             )
         oracles = [n for n in planned.methods if TASKS[task].method(n).role == "diagnostic"]
         models = study.simulate.models(study.render) if oracles else ()
         if unlike := next(filter(None, (unlike_two_poles(model) for *_, model in models)), None):
             raise StudyError(
-                f"evaluate.{task}.methods: {oracles[0]!r} is about two poles with one cutoff, but "
-                f"a sensor has {unlike}"
+                f"evaluate.{task}.methods: {oracles[0]!r} assumes two poles with one cutoff, but a "
+                f"sensor has {unlike}"
             )
 
 
@@ -189,8 +189,8 @@ def check_file(study: Study) -> None:
     for task, stretches, planned in plans(study):
         if planned.methods and stretches.scenes and not {*stretches.scenes} & {*names}:
             raise StudyError(
-                f"evaluate.{task}: found methods for {', '.join(stretches.scenes)} alone, expected "
-                f"a scene of the study: {', '.join(names)}"
+                f"evaluate.{task}: has methods only for {', '.join(stretches.scenes)}, but the "
+                f"study's scenes are {', '.join(names)}"
             )
 
 
@@ -203,8 +203,8 @@ def check_scenes(study: Study, scenes: Sequence[Scene]) -> None:
         for value, source in zip(values, study.scenes, strict=True):
             if (other := first.setdefault(value, source)) != source:
                 raise StudyError(
-                    f"scenes: found {other!r} and {source!r} with the same {what}, expected each "
-                    "scene once, in a folder or file with its own name"
+                    f"scenes: {other!r} and {source!r} have the same {what}; list each scene once, "
+                    "and give each folder or file its own name"
                 )
     reserved = Path(INDEX_NAME).stem
     if reserved in names:
@@ -220,8 +220,7 @@ def check_compares(methods: Collection[tuple[str, str]]) -> None:
     if all(name == TASKS[task].baseline for task, name in methods):
         listed = " and ".join(dict.fromkeys(name for _, name in methods))
         raise StudyError(
-            f"evaluate: found {listed} alone, expected a method that uses the events and suits the "
-            "scenes"
+            f"evaluate: found only {listed}; add a method that uses the events and suits the scenes"
         )
 
 
@@ -231,7 +230,7 @@ def check_first_sensor(study: Study) -> None:
     width, height = study.render.seen_px(*camera.size)
     if min(width, height) < MIN_RESOLUTION:
         raise StudyError(
-            f"simulate.{_named(camera)} and sees {width}x{height} px of the frames; the first "
+            f"simulate.{_named(camera)}, which see {width}x{height} px of the frames; the first "
             f"sensor must see at least {MIN_RESOLUTION} px on each side for the scaling statistics"
         )
 
@@ -253,8 +252,8 @@ def check_speeds(place: str, simulate: Simulate, render: Render) -> None:
     for speed in simulate.speeds:
         if not least <= speed <= most:
             raise StudyError(
-                f"{place}: found {speed:g} times the base speed, expected {least:.3g} to {most:g}: "
-                f"a window of {1e3 * render.window_s:g} ms would last "
+                f"{place}: found {speed:g} times the base speed, expected {least:.3g} to {most:g} "
+                f"times; a window of {1e3 * render.window_s:g} ms would last "
                 f"{render.window_s / speed:.3g} s"
             )
 
@@ -274,7 +273,7 @@ def check_buses(simulate: Simulate, render: Render) -> None:
             place = f"sensors: {camera.name!r}: {rate[0]}" if rate else "bus_mev_s"
             raise StudyError(
                 f"simulate.{place}: an event takes {bus.row_overhead_s + 1 / bus.max_rate_hz:g} s "
-                f"on the bus, longer than a window of {1e3 * window_s:g} ms; give a faster bus"
+                f"on the bus, but a window lasts only {window_s:g} s; choose a faster bus"
             )
 
 
@@ -289,14 +288,14 @@ def check_tracked(
         What is left of the scene's path when the last window starts, at base speed.
     """
     for what, length_s, needed_s in (
-        ("windows", render.window_s, PATH_S + delay_s),
-        ("a path after the last start", left_s, PATH_S + KNOT_INTERVAL_S),
+        ("in a window", render.window_s, PATH_S + delay_s),
+        ("after the start of the last window", left_s, PATH_S + KNOT_INTERVAL_S),
     ):
         most = length_s / needed_s
         if max(simulate.speeds) > most * (1 + 1e-9):
             raise StudyError(
-                f"{place}: found {max(simulate.speeds):.3g} times the base speed, with {what} "
-                f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
+                f"{place}: found {max(simulate.speeds):.3g} times the base speed, too fast for the "
+                f"{1e3 * needed_s:g} ms of pose tracking {what}; expected at most "
                 f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
             )
 
@@ -322,7 +321,7 @@ def check_warm_up(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
             least_hz = factor * model.cutoff_hz
             least_lux = factor * light.illuminance_lux or least_hz / cutoff_in_light(1.0)
             remedies.append(
-                f"at least {_rounded(least_hz, math.ceil)} Hz "
+                f"a cutoff of at least {_rounded(least_hz, math.ceil)} Hz "
                 f"({_rounded(least_lux, math.ceil)} lux)"
             )
     every_s = _rounded(2 * max(needs_s), math.ceil)

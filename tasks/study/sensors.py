@@ -65,7 +65,7 @@ def read_camera_of(entry: Any, where: str, folder: Path) -> EventCamera:
             name = read_typed(str, table.pop("name", ""), Path(where), StudyError, "name")
             camera = camera_of(table, name, folder)
         else:
-            raise StudyError(f"{where}: found {entry!r}, expected a camera, a file or a table")
+            raise StudyError(f"{where}: found {entry!r}, expected a name, a .toml file or a table")
         width, height = camera.size
     except SensorError as error:
         raise StudyError(f"{where}: {error}") from None

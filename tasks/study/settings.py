@@ -172,9 +172,7 @@ class Simulate:
         cutoffs_hz = tuple(light.cutoff_hz for light in self.lights)
         default = {field.name: field.default for field in fields(self)}["cutoffs_hz"]
         if self.cutoffs_hz not in (cutoffs_hz, default):
-            raise StudyError(
-                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux; leave out one"
-            )
+            raise StudyError(f"give cutoffs_hz = {self.cutoffs_hz} or illuminance_lux, not both")
         object.__setattr__(self, "cutoffs_hz", cutoffs_hz)
 
     @property

@@ -86,7 +86,7 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
     for name, other in _ONE_OF:
         if name in table and other in table:
-            raise StudyError(f"{file}: simulate: found both {name} and {other}; leave out one")
+            raise StudyError(f"{file}: simulate: give {name} or {other}, not both")
     if _OLD in table:
         table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:

@@ -156,7 +156,7 @@ def test_a_study_in_m_s_says_at_which_distance(carpet, tmp_path, caplog, given, 
     with pytest.MonkeyPatch.context() as patch, caplog.at_level(logging.INFO):
         patch.setattr("tasks.study.run.compute.warn_of_noise", lambda *_: None)
         run_study(study, tmp_path / "run")
-    told = "speeds in m/s hold at the scenes' own distance: carpet 1.79 m"
+    told = "speeds in m/s apply at each scene's distance: carpet 1.79 m"
     assert (told in caplog.messages) is (not given)
     stored = json.loads((tmp_path / "run" / "study.json").read_text())
     assert stored["base_m_per_s"]["carpet"] == pytest.approx(0.9 * scale, rel=0.01)

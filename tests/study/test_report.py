@@ -446,7 +446,7 @@ def test_a_damaged_study_is_named(tmp_path: Path, content: dict, said: str, eres
 def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
     """The report refuses a run with only do-nothing rows."""
     rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
-    with pytest.raises(ResultError, match="has only do-nothing rows"):
+    with pytest.raises(ResultError, match="has only rows of do-nothing"):
         write_report(make_run(tmp_path, rows))
 
 

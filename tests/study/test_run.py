@@ -311,7 +311,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, render=replace(study.render, samples=1))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
-    with pytest.raises(StudyError, match=r"alpha' and '.*beta' with the same content"):
+    with pytest.raises(StudyError, match=r"alpha' and '.*beta' have the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
     for name in names:
         rows = run_study(replace(study, scenes=(name,)), tmp_path / "run")
@@ -509,7 +509,7 @@ def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     assert PRESETS["quick"].simulate.longest_warm_up_s == WARM_UP_S
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "report.html").write_text("my own")
-    with pytest.raises(StudyError, match=r"mine: found report.html without study.json, expected"):
+    with pytest.raises(StudyError, match=r"mine: contains report.html without study.json;"):
         run_study(tiny_study(scene_folder), tmp_path / "mine")
     assert (tmp_path / "mine" / "report.html").read_text() == "my own"
 
@@ -555,7 +555,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     damaged, unused = warnings_of_tasks(caplog)
     assert damaged.startswith(f"{first}: could not be read as a Parquet file")
     assert damaged.endswith("; the job is computed again")
-    assert unused.endswith("left out 1 job of another study or version")
+    assert unused.endswith("ignored 1 job of another study or version")
     assert read_rows(first) == read_rows(out / "jobs" / first.name)
 
 
@@ -589,7 +589,7 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
     assert not_json.startswith(f"{file}: could not be read as JSON: Expecting property name")
-    assert not_json.endswith("; the provenance of the finished jobs is lost")
+    assert not_json.endswith("; the versions and machines of the finished jobs are lost")
     assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 
 
@@ -620,14 +620,14 @@ def test_a_run_is_not_continued_with_another_renderer(
     here = json.loads(file.read_text())
     file.write_text(json.dumps(here | {name: before}))
     assert run_study(study, run) == finished[1]  # nothing is left to compute
-    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
+    with pytest.raises(StudyError, match=f"^{name}: found .*, .* with {before}; .* --mix$"):
         run_study(with_threshold(study, 0.4), run)  # nor between studies in one folder
     next((run / "jobs").iterdir()).unlink()
-    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
+    with pytest.raises(StudyError, match=f"^{name}: found .*, .* with {before}; .* --mix$"):
         run_study(study, run)
     # A cluster's environment is known only when a job is done.
     monkeypatch.setattr(local.ThisProcess, "environment", lambda self: {})
-    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, "):
+    with pytest.raises(StudyError, match=f"^{name}: found .*, .* with {before}; "):
         run_study(study, run)
     assert json.loads(file.read_text()) == here | {name: before}
     assert run_study(study, run, mix=True) == finished[1]

@@ -385,10 +385,10 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         with monkeypatch.context() as patch:
             asked_then_found = iter([other, here, here])
             patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
-            assert refusal(study) == f"has code of versions {here}, expected {other}"
+            assert refusal(study) == f"has versions {here}, expected {other}"
     with monkeypatch.context() as patch:
         patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
-        assert refusal(study).startswith("your own method or weights differ")
+        assert refusal(study).startswith("your own method or weights are not")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
@@ -397,7 +397,7 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
             *(cluster_module, "load_scene"),
             lambda source, path: replace(load_scene(edited, path), source=source),
         )
-        assert refusal(study).startswith(f"scene {scene_folder}: its files have digest ")
+        assert refusal(study).startswith(f"scene {scene_folder}: its files differ")
     assert not list((tmp_path / "run").rglob("*.parquet"))
 
 
@@ -423,7 +423,7 @@ def test_a_worker_reads_the_path_that_the_study_gives(
     write_poses(tmp_path, positions_m[::-1], [0.2 * k for k in range(6)])
     with (
         open_scheduler(one_worker.scheduler_address) as computing,
-        pytest.raises(StudyError, match="its files have digest"),
+        pytest.raises(StudyError, match="its files differ"),
     ):
         list(computing.compute(jobs, lambda *_: None))
 

@@ -198,7 +198,7 @@ def test_every_rendering_has_the_same_numbers() -> None:
 
 def test_contradictory_rows_are_refused() -> None:
     """The same item of the same sample twice is an error; another item or variant is not."""
-    with pytest.raises(ResultError, match="two rows of sample 0, item 0"):
+    with pytest.raises(ResultError, match="found two rows of sample 0, item 0"):
         Scores([*grid(), row(128, 0, 1.0)])
     other = replace(row(128, 0, 1.0), variant="other")
     assert len(Scores([*grid(), row(128, 0, 1.0, item=1), other]).series()) == 2
@@ -209,8 +209,8 @@ def test_rows_that_make_no_scores_are_named_by_their_file(tmp_path: Path) -> Non
     file = tmp_path / "rows.parquet"
     (tmp_path / "study.json").write_text("{}")
     for rows, said in (
-        ([], "no rows"),
-        ([*grid(), row(128, 0, 1.0)], "two rows of sample 0, item 0"),
+        ([], "has no rows"),
+        ([*grid(), row(128, 0, 1.0)], "found two rows of sample 0, item 0"),
         ([row(128, 0, 1.0, task="rate")], "unknown task 'rate'"),
     ):
         write_rows(file, rows)
@@ -359,5 +359,5 @@ def test_unknown_names_and_empty_runs_are_refused() -> None:
         Scores([row(128, 0, 1.0, metric="ssim")])
     with pytest.raises(ResultError, match="task 'juggling'"):
         Scores([row(128, 0, 1.0, task="juggling")])
-    with pytest.raises(ResultError, match="no rows"):
+    with pytest.raises(ResultError, match="has no rows"):
         Scores([])

@@ -190,7 +190,7 @@ def test_weights_are_named_or_for_the_only_network(tmp_path):
     for files, methods, words in (
         (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or our_reconstruction"),
         (["a.pth"], ["e2vid", "eraft"], "expected e2vid=a.pth or eraft=a.pth"),
-        (["e2vid=a.pth"], ["high_pass_filter"], "'e2vid': is not a method to run"),
+        (["e2vid=a.pth"], ["high_pass_filter"], "'e2vid': is not among the methods"),
         (["e2vd=a.pth"], ["e2vid"], "'e2vd': did you mean 'e2vid'"),
         (["e2vid=a", "e2vid=b"], ["e2vid"], "'e2vid': has two files"),
     ):
@@ -245,9 +245,11 @@ def test_methods_are_listed_without_torch(eres):
     )
     assert "e2vid" in TASKS["video"].usual(["e2vid"])
     assert task_of("e2vid") == "video"
-    with pytest.raises(TaskError, match=r"^no method 'erafd', did you mean 'eraft'"):
+    with pytest.raises(TaskError, match=r"^no method 'erafd'; did you mean 'eraft'"):
         task_of("erafd")
-    with pytest.raises(TaskError, match="'initial_flow' is of several tasks: flow, dense_flow"):
+    with pytest.raises(
+        TaskError, match="'initial_flow' belongs to several tasks: flow, dense_flow"
+    ):
         task_of("initial_flow")
 
 
@@ -290,7 +292,7 @@ def test_a_study_without_weights_is_refused_before_it_starts(tmp_path):
     quick = preset("quick")
     video = replace(quick.evaluate["video"], methods=("e2vid",))
     evaluate = type(quick.evaluate)(**{**quick.evaluate, "video": video})
-    with pytest.raises(WeightsError, match=r"e2vid under \[weights\] in the file of a study"):
+    with pytest.raises(WeightsError, match=r"e2vid under \[weights\] in the study's file"):
         run_study(replace(quick, evaluate=evaluate), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

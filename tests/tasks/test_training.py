@@ -152,7 +152,7 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
         stopped(tmp_path, 2, code="git one")
         assert caplog.text == ""
         stopped(tmp_path, 3, code="git two")
-        assert "continued with code git two, started with git one" in caplog.text
+        assert "continues with code git two, and was started with code git one" in caplog.text
         caplog.clear()
         trained(tmp_path, code="git two")
         trained(tmp_path, code="git three")
@@ -166,9 +166,18 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
 @pytest.mark.parametrize(
     ("codes", "said"),
     [
-        (("git one", "git two", "git one"), "with code git one, started with git one; git two"),
-        (("git one", "git one", "git one-dirty"), "with code git one-dirty, started with git one"),
-        (("git one-dirty", "git one-dirty", "git one-dirty"), "with code git one-dirty, started"),
+        (
+            ("git one", "git two", "git one"),
+            "with code git one, and was started with code git one; git two",
+        ),
+        (
+            ("git one", "git one", "git one-dirty"),
+            "with code git one-dirty, and was started with code git one",
+        ),
+        (
+            ("git one-dirty", "git one-dirty", "git one-dirty"),
+            "with code git one-dirty, and was started",
+        ),
         (("git one", "git one", "git one"), ""),
     ],
 )
@@ -447,7 +456,7 @@ def test_weights_without_settings_are_refused(run, tmp_path):
         folder.mkdir()
         shutil.copy(run[0] / "scores.json", folder)
         shutil.copy(run[0] / name, folder)
-        words = rf"training\.json: missing, expected the settings that {name} was trained with"
+        words = rf"training\.json: is missing, so the settings of {name} are unknown"
         with pytest.raises(TrainingError, match=words):
             trained(folder, "ideal")
         assert not (folder / "training.json").exists()
@@ -472,7 +481,7 @@ def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
     with pytest.raises(TrainingError, match=r"needs about .* and this GPU has 0\.0 GB"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(TrainingError, match="device: PyTorch has no GPU"):
+    with pytest.raises(TrainingError, match="device: 'cuda' needs a GPU"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
     assert not (tmp_path / "gpu").exists()
 

@@ -29,7 +29,7 @@ def card(folders: Sequence[Path]) -> str:
         description = files.read_description(folder)
         if not (folder / files.WEIGHTS_FILE).exists():
             raise TrainingError(
-                f"{folder}: found no {files.WEIGHTS_FILE}, expected a finished training"
+                f"{folder}: has no {files.WEIGHTS_FILE}; the training has not finished"
             )
         kind = description.settings["task"], _settings(description)
         alike.setdefault(kind, []).append((folder, description, files.read_scores(folder)))

@@ -140,7 +140,7 @@ def check_machine(problem: Problem, device: str | None) -> None:
         available, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
     if needed > available:
         raise TrainingError(
-            f"train: needs about {needed / 1e9:.1f} GB of memory, and this {what} has "
+            f"train: needs about {needed / 1e9:.1f} GB of memory, but this {what} has "
             f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
             "schedule.validation_crops"
         )
@@ -150,7 +150,7 @@ def device_of(name: str | None) -> torch.device:
     """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one."""
     has_cuda = torch.cuda.is_available()
     if name == "cuda" and not has_cuda:
-        raise TrainingError("device: PyTorch has no GPU, which 'cuda' needs")
+        raise TrainingError("device: 'cuda' needs a GPU, but PyTorch finds none")
     return torch.device(name or ("cuda" if has_cuda else "cpu"))
 
 

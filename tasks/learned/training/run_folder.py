@@ -52,8 +52,8 @@ class FinalScores:
         expected = 1 + len(self.baselines)
         if {*counts.values()} != {expected}:
             raise TrainingError(
-                f"scores: found {counts} numbers, expected {expected} for each light: of the "
-                "network and of each baseline"
+                f"scores: found {counts} numbers, expected {expected} for each light: one for the "
+                "network and one for each baseline"
             )
 
 
@@ -67,7 +67,7 @@ class Description:
     def __post_init__(self) -> None:
         for name in ("task", "light", "seed"):
             if name not in self.settings:
-                raise TrainingError(f"settings.{name}: missing, expected it of a training")
+                raise TrainingError(f"settings.{name}: missing; each training has it")
 
 
 @contextmanager
@@ -93,8 +93,8 @@ def opened(
                     _write(file, read_description(folder).settings, made_with)
             elif untold := [name for name in _TRAINED if (folder / name).exists()]:
                 raise TrainingError(
-                    f"{file}: missing, expected the settings that {untold[0]} was trained with; "
-                    "choose another folder"
+                    f"{file}: is missing, so the settings of {untold[0]} are unknown; choose "
+                    "another folder"
                 )
             else:
                 _write(file, settings, made_with)
@@ -124,8 +124,8 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
     code = str(made_with.get("code"))
     if code.endswith("-dirty") or str(before.get("code")).split("; ")[-1] != code:
         _logger.warning(
-            "%s: continued with code %s, started with %s: if crops, network or loss differ, train "
-            "again in another folder",
+            "%s: continues with code %s, and was started with code %s; if the crops, the network "
+            "or the loss differ, train again in another folder",
             folder,
             code,
             before.get("code"),

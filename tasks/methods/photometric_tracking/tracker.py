@@ -65,8 +65,8 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     """
     if sample.max_delay_us <= 0:
         raise TaskError(
-            f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
-            "largest delay to search"
+            f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected a positive "
+            "number, the largest delay to search"
         )
     start = _start_of(sample)
     begun, blur_px = sample.initial, _blur_px(sample)

@@ -44,7 +44,7 @@ def _modes(on: SceneScores) -> NumberText:
     settings = scaling.settings()
     cutoffs, speeds = ({of[k] for of in settings} for k in (0, 1))
     if (IDEAL, 1.0) not in settings or len(cutoffs) < 2 or len(speeds) < 2:
-        raise NotMeasured("not measured at ideal light, a lower cutoff and a higher speed")
+        raise NotMeasured("not measured, needs ideal light, a lower cutoff and a higher speed")
     lines, holds = [], True
     for cutoff_hz, speed in settings:
         name = f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}"

@@ -197,5 +197,5 @@ def read_run(folder: Path, *others: Path) -> FinishedRun:
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_config(folder)
     if not scores[0].series():
-        raise ResultError(f"{folder / 'rows.parquet'}: has only do-nothing rows, none of a method")
+        raise ResultError(f"{folder / 'rows.parquet'}: has only rows of do-nothing methods")
     return FinishedRun(folder, scores, environment, config, dict(further))

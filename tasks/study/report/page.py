@@ -133,8 +133,8 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     page = encoded(template.render(colors=COLORS, run=run, sections=shown))
     if len(page) > MAX_BYTES:
         raise ResultError(
-            f"{run.folder}: found {len(page) / 1e6:.1f} MB of report, expected at most "
-            f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
+            f"{run.folder}: the report has {len(page) / 1e6:.1f} MB, expected at most "
+            f"{MAX_BYTES / 1e6:.0f} MB; list fewer previews in previews/index.json"
         )
     others = {f"tables_{name}": scores for name, scores in run.others.items()}
     for name, scores in {"tables": run.found, **others}.items():

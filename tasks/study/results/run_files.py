@@ -74,11 +74,11 @@ def _check_joined(
     weights, settings = _divided(config)
     other_weights, other_settings = _divided(of_other)
     if config.get("jobs") == of_other.get("jobs") or weights == other_weights:
-        raise ResultError(f"{file}: same weights as {other}; joined runs differ in weights")
+        raise ResultError(f"{file}: same weights as {other}; joined runs must differ in weights")
     for name, here, expected in differences(settings, other_settings):
         raise ResultError(
-            f"{file}: {name}: found {here!r}, but {expected!r} in {other}; runs that are joined "
-            "may differ only in the weights of networks"
+            f"{file}: {name}: found {here!r}, but {expected!r} in {other}; joined runs may differ "
+            "only in the weights of networks"
         )
 
 

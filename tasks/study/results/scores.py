@@ -74,7 +74,7 @@ def _divided(rows: Iterable[Row], value_of: Callable[[Row], Value]) -> dict[Valu
 def _some(rows: Iterable[Row]) -> list[Row]:
     rows = list(rows)
     if not rows:
-        raise ResultError("no rows; a run needs at least one")
+        raise ResultError("has no rows; a run needs at least one row")
     return rows
 
 
@@ -278,7 +278,7 @@ def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
             values = of_cell[key + where] = of_series.setdefault(Condition(*where), {})
         if (row.sample, row.item) in values:
             raise ResultError(
-                f"two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                f"found two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
                 f"{Condition(*where)}"
             )
         values[row.sample, row.item] = row

@@ -114,7 +114,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
         if worker.state.nthreads != 1:
             raise StudyError(f"has {worker.state.nthreads} threads; start it with --nthreads 1")
         if _versions() != versions:
-            raise StudyError(f"has code of versions {_versions()}, expected {versions}")
+            raise StudyError(f"has versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
         weights = weight_digests(job.evaluate)
@@ -136,12 +136,12 @@ def _as_found_here(job: Job, key: str) -> Job:
         scene = replace(scene, settings=replace(scene.settings, path=path))
     if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
-            f"scene {job.scene.source}: its files have digest {scene.digest[:12]}, but "
-            f"{job.scene.digest[:12]} where the study was started"
+            f"scene {job.scene.source}: its files differ from the files of the study (digest "
+            f"{scene.digest[:12]} here, {job.scene.digest[:12]} in the study)"
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("your own method or weights differ from when the study was started")
+        raise StudyError("your own method or weights are not the same here as in the study")
     return here
 
 

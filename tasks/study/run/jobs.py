@@ -127,7 +127,7 @@ def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]
     """Check that weights are those with which jobs began: the names of their rows say so."""
     for file, now in weight_digests(evaluate).items():
         if now != begun[file]:
-            raise StudyError(f"{file}: changed while the study ran; start it again")
+            raise StudyError(f"{file}: changed while the study ran; start the study again")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +154,8 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         base_m_s = scale * round(path.mean_speed_mps(scene.duration_s), 9)  # by quadrature
         if base_m_s == 0:
             raise StudyError(
-                f"simulate.speeds_m_s: the camera of {scene.name} is at rest; use simulate.speeds, "
-                "which are factors"
+                f"simulate.speeds_m_s: the camera of {scene.name} does not move; use "
+                "simulate.speeds, which are factors"
             )
         speeds = tuple(speed / base_m_s for speed in speeds_m_s)
         study = replace(study, simulate=replace(study.simulate, speeds=speeds))
@@ -164,7 +164,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         rules.check_facing(scene, path)
     planned = _planned(study, scene)
     if not planned:
-        raise StudyError(f"evaluate: no method suits {scene.name}; add one that does")
+        raise StudyError(f"evaluate: no method suits {scene.name}; add a suitable method")
     on = {stretches: _on(stretches, study) for stretches in planned}
     for stretches, (render, simulate, _) in on.items():
         rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
@@ -238,8 +238,8 @@ def _continuous_clip(scene: Scene, run_in_s: float, duration_s: float) -> Clip:
     """Return one stretch from the start of the path, scored after its run-in."""
     if duration_s > scene.duration_s:
         raise StudyError(
-            f"evaluate.video.duration_s: found {duration_s:g} s, expected at most the path of "
-            f"{scene.name}, {scene.duration_s:g} s long"
+            f"evaluate.video.duration_s: found {duration_s:g} s, expected at most "
+            f"{scene.duration_s:g} s, the duration of the path of {scene.name}"
         )
     return replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)
 
@@ -257,8 +257,8 @@ def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: fl
     count = len(fitting) if render.samples is None else render.samples
     if not 1 <= count <= len(fitting):
         raise StudyError(
-            f"render.samples: found {render.samples}, expected 1 to {len(fitting)}, which fit the "
-            f"path of {scene.name}"
+            f"render.samples: found {render.samples}, expected 1 to {len(fitting)}, the number "
+            f"that fits on the path of {scene.name}"
         )
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
 

@@ -17,7 +17,7 @@ def check_recorded(out: Path) -> None:
     """Refuse to write into the folder of a rendered study."""
     file = out / "study.json"
     if file.exists() and "recorded" not in read_json(dict[str, Any], file, StudyError):
-        raise StudyError(f"{file}: is of a rendered study, not of recordings; choose another --out")
+        raise StudyError(f"{file}: belongs to a rendered study; choose another --out")
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:

@@ -40,8 +40,8 @@ class RunFolder:
         others = [name for name in _REPLACED if (folder / name).exists()]
         if others and not (folder / "study.json").exists():
             raise StudyError(
-                f"{folder}: found {' and '.join(others)} without study.json, expected a new folder "
-                "or that of a run"
+                f"{folder}: contains {' and '.join(others)} without study.json; choose a new "
+                "folder, or the folder of a run"
             )
         self._folder, self._jobs, self._mix = folder, jobs, mix
         self._rows_of = _rows_so_far(_rows_folder(folder), jobs)
@@ -157,15 +157,15 @@ def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
             others = {row.scene for row in rows} - {job.scene.name}  # a key has no names
             if others:
                 raise ResultError(
-                    f"{file}: found rows of {', '.join(sorted(others))}, expected "
-                    f"{job.scene.name}, a scene of the same content"
+                    f"{file}: has rows of scene {', '.join(sorted(others))}, expected scene "
+                    f"{job.scene.name}, which has the same content"
                 )
             rows_of[key] = rows
         except ResultError as error:
             _log.warning("%s; the job is computed again", error)
     if strangers := {file.stem for file in folder.glob("*.parquet")} - set(work):
         count = f"{len(strangers)} job{'s' * (len(strangers) > 1)}"
-        _log.warning("%s: left out %s of another study or version", folder, count)
+        _log.warning("%s: ignored %s of another study or version", folder, count)
     return rows_of
 
 
@@ -178,5 +178,5 @@ def _environment_so_far(folder: Path) -> dict[str, str]:
     try:
         return read_json(dict[str, str], file, ResultError)
     except ResultError as error:
-        _log.warning("%s; the provenance of the finished jobs is lost", error)
+        _log.warning("%s; the versions and machines of the finished jobs are lost", error)
         return {}

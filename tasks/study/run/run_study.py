@@ -96,7 +96,7 @@ def run_study(
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
-            _log.info("speeds in m/s hold at the scenes' own distance: %s", distances_label(own_m))
+            _log.info("speeds in m/s apply at each scene's distance: %s", distances_label(own_m))
         to_do = folder.to_do()
         if not to_do:
             folder.describe(resolved)

@@ -154,7 +154,7 @@ def test_latency_bends_the_poses_only_in_one_direction():
 def test_latency_is_refused_in_one_direction():
     rig = Rig(0.44)
     corners = rig.corners(0.1, 8, one_way=True)
-    with pytest.raises(RigError, match="8 images on the way there and 0 on the way back"):
+    with pytest.raises(RigError, match="8 on the way there and 0 on the way back"):
         solve(corners, rig.slider, rig.camera, Unknowns(latency=True))
 
 
@@ -201,16 +201,16 @@ def test_contradictions_and_too_few_are_refused():
     """Promise: solve raises an error."""
     rig = Rig(0.44)
     corners = rig.corners(0.1, 5)
-    with pytest.raises(RigError, match=r"solve: .* at 2$"):
+    with pytest.raises(RigError, match=r"solve: .* at 2 positions"):
         solve(corners.of(corners.t_us < np.unique(corners.t_us)[2]), rig.slider, rig.camera)
     shuffled = np.random.default_rng(0).permutation(corners.image_px)
     with pytest.raises(RigError):
         solve(replace_px(corners, shuffled), rig.slider, rig.camera)
     still = Slider(rig.slider.t_us, np.zeros_like(rig.slider.x_m))
-    with pytest.raises(RigError, match=r"solve: .* at 1$"):
+    with pytest.raises(RigError, match=r"solve: .* at 1 positions"):
         solve(corners, still, rig.camera)
     late = Slider(rig.slider.t_us + 1e7, rig.slider.x_m)
-    with pytest.raises(RigError, match="do the two clocks agree"):
+    with pytest.raises(RigError, match="both clocks agree"):
         solve(corners, late, rig.camera)
 
 

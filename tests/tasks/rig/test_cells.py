@@ -82,7 +82,7 @@ def test_each_width_has_the_same_places_and_items():
     }
     alone = in_cells([recording(640, [0.2, 0.6]), recording(1190, [0.8, 0.6])])
     assert {row.speed for row in alone} == {0.6}
-    with pytest.raises(RigError, match="of mine: crops of 640 px and 1190 px share no place"):
+    with pytest.raises(RigError, match="of mine: crops 640 px and 1190 px wide share no place"):
         in_cells([recording(640, [0.2]), recording(1190, [0.6])])
 
 
@@ -91,7 +91,7 @@ def test_a_task_that_one_distance_lacks_is_left_out(caplog):
     far = [row for row in recording(640, [0.2] * 6) if row.task == "flow"]
     rows = in_cells([far, recording(1190, [0.2] * 6)])
     assert {row.task for row in rows} == {"flow"}
-    assert "tracking of mine: crops of 640 px and 1190 px share no place" in caplog.text
+    assert "tracking of mine: crops 640 px and 1190 px wide share no place" in caplog.text
 
 
 def test_six_places_are_worth_more_than_many_patches():
@@ -173,8 +173,8 @@ def test_each_light_has_its_own_cells(caplog):
         assert keys(there, "tracking") == {(w, 0.6, k, 0) for w in (640, 1190) for k in range(8)}
     assert not caplog.text
     in_cells([near, far, dim[: len(near)]])
-    assert "mine: cutoff 50 Hz, threshold 0.2: there are crops of 1190 px" in caplog.text
-    assert "but none of 640 px" in caplog.text
+    assert "mine: cutoff 50 Hz, threshold 0.2: has crops 1190 px wide" in caplog.text
+    assert "but none 640 px wide" in caplog.text
 
 
 def recorded(middle_lead, tasks=tuple(SERIES), places=9):

@@ -123,9 +123,9 @@ def test_events_of_a_flashing_board_give_the_camera(files):
 
 
 def test_too_few_views_are_refused(files):
-    with pytest.raises(RigError, match="2 recordings show"):
+    with pytest.raises(RigError, match="board in 2 files"):
         intrinsics(files[:2], BOARD)
-    with pytest.raises(RigError, match="0 recordings show"):
+    with pytest.raises(RigError, match="board in 0 files"):
         intrinsics(files[:1], Board(12, 9, 0.03))
     with pytest.raises(RigError, match="board: 2x5"):
         Board(2, 5, 0.03)

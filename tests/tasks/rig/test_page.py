@@ -170,9 +170,9 @@ def test_settings_are_read(tmp_path):
         ("pitch_um = 18.5", "pitch_um = 0", "pitch_um: found 0.0, expected a positive"),
         ("travel_m = 0.2", "travel_m = -1.0", "travel_m: found -1.0"),
         ("travel_m", "travels_m", "travels_m: unknown"),
-        ('picture = "pebbles"', 'picture = "../photo.png"', "another file beside rig.toml"),
-        ('picture = "pebbles"', 'picture = "page.png"', "another file beside rig.toml"),
-        ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "either camera or camera_file"),
+        ('picture = "pebbles"', 'picture = "../photo.png"', "your own file beside rig.toml"),
+        ('picture = "pebbles"', 'picture = "page.png"', "your own file beside rig.toml"),
+        ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "give camera or camera_file"),
     ],
 )
 def test_wrong_settings_are_refused(tmp_path, old, new, expected):
@@ -204,7 +204,7 @@ def test_layouts_without_room_are_refused():
             picture_height_m=0.01,
             dpi=360,
         )
-        with pytest.raises(RigError, match=r"page: its side of .* dots .* 32766"):
+        with pytest.raises(RigError, match=r"page: .* dots .* 32766"):
             lay_out(large)
     with pytest.raises(RigError, match="marker_pitch_m: found"):
         PageSettings(

@@ -40,7 +40,7 @@ def test_images_are_evenly_spaced_along_the_way():
     assert np.allclose(way, (np.arange(16) + 0.5) / 16 * 0.8, atol=2e-3)
     slow = slider.evenly_along(16, 0.0, slider.t_us[-1], max_speed_mps=0.25)
     assert np.abs(slider.speed_mps(slow)).max() <= 0.25
-    with pytest.raises(RigError, match=r"no motion .* 1e-06\)"):
+    with pytest.raises(RigError, match=r"no motion .* 1e-06"):
         slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
 
 
@@ -194,13 +194,13 @@ def test_files_keep_every_digit(tmp_path, interval_us):
     [
         ("t_us,x_m\n0,0\n", "found 1 readings"),
         ("t_us\n0\n1\n", "no column x_m"),
-        ("t_us,x_m\n0,0\n5,\n", "line 3: x_m: no value"),
+        ("t_us,x_m\n0,0\n5,\n", "line 3: x_m: has no value"),
         ("t_us,x_m\n0,0\n5,a\n", "could not convert"),
-        ("t_us,x_m\n0,0\n5,nan\n", "not finite"),
-        ("t_us,x_m\n5,0\n0,1\n", "reading 2, 1 m at 0 us"),
+        ("t_us,x_m\n0,0\n5,nan\n", "finite numbers"),
+        ("t_us,x_m\n5,0\n0,1\n", "reading 2: found 1 m at 0 us"),
         (
             "t_us,x_m\n" + "".join(f"{t},{t * 1e-6}\n" for t in [*range(50), *range(500, 550)]),
-            "without readings from 49 to 500 us",
+            "no readings from 49 to 500 us",
         ),
     ],
 )
@@ -223,7 +223,7 @@ def test_a_rest_without_readings_is_no_gap():
 def test_times_without_readings_are_refused():
     slider = Slider(np.array([0.0, 100.0]), np.array([0.0, 1.0]))
     assert slider.position_m([50.0]).tolist() == [0.5]
-    with pytest.raises(RigError, match="do the two clocks agree"):
+    with pytest.raises(RigError, match="both clocks agree"):
         slider.position_m([101.0])
 
 
@@ -236,7 +236,7 @@ def test_frames_are_those_of_slow_motion():
     for limit, fastest in ((0.25, 0.2), (np.inf, 0.4)):
         used_us = [t_us for t_us, _ in _frames(recording, 40, limit)]
         assert np.abs(slider.speed_mps(np.array(used_us))).max() == pytest.approx(fastest, rel=1e-3)
-    with pytest.raises(RigError, match=r"no frame .* 0\.01\)"):
+    with pytest.raises(RigError, match=r"no frame .* 0\.01"):
         list(_frames(recording, 40, 0.01))
 
 
@@ -249,5 +249,5 @@ def test_an_encoder_may_log_its_steps_alone(step_m):
     logged = np.flatnonzero(np.diff(x_m, append=np.inf))
     Slider(t_us[logged], x_m[logged]).check_gaps()
     kept = logged[(t_us[logged] < 3e5) | (t_us[logged] > 4e5)]
-    with pytest.raises(RigError, match=r"without readings from 29.* to 40.* us"):
+    with pytest.raises(RigError, match=r"no readings from 29.* to 40.* us"):
         Slider(t_us[kept], x_m[kept]).check_gaps()

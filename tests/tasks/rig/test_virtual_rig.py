@@ -163,7 +163,7 @@ def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
     found = detect(short, "frame", images=10)
     assert found.t_us.min() >= recording.frames[5].t_us
     vars(short)["frames"] = recording.frames[:4]
-    with pytest.raises(RigError, match=r"frames.csv: no frame"):
+    with pytest.raises(RigError, match=r"frames.csv: has no frame"):
         detect(short, "frame", images=10)
 
 
@@ -366,7 +366,7 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     with pytest.raises(TaskError, match=r"crop.json: exists already"):
         crop([recording], calibration, out)
     (made / "crop.json").unlink()
-    with pytest.raises(RigError, match="crops: found no crop"):
+    with pytest.raises(RigError, match="crops: has no crops"):
         evaluate_rig([out], RigEvaluation())
     crop([recording], calibration, out)
     assert (made / "crop.json").exists()
@@ -379,7 +379,7 @@ def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
     calibration, out = read_rig_calibration(file), tmp_path / "crops"
     (made,) = crop([recording], calibration, out)
     shutil.copytree(made, out / "far")
-    with pytest.raises(RigError, match=r"far: was cropped with other recordings"):
+    with pytest.raises(RigError, match=r"far: is a crop of another recording"):
         crop([recording], calibration, out, overwrite=True)
     assert (made / "crop.json").exists()
 
@@ -456,7 +456,7 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
     off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
     nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
-    with pytest.raises(RigError, match=r"events.h5: none of 2 places has a window of 6 mm"):
+    with pytest.raises(RigError, match=r"events.h5: .* 2 places .* 6 mm"):
         _windows(nowhere, 0.006)
     with pytest.raises(RigError, match=r"0 windows of 40 mm"):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
@@ -465,7 +465,7 @@ def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tm
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
     codes[codes.shape[0] // 2, codes.shape[1] // 2] ^= 255
     cv2.imwrite(str(image), codes)
-    with pytest.raises(RigError, match=r"others/near: its page differs"):
+    with pytest.raises(RigError, match=r"others/near: its page is not"):
         evaluate_rig([tmp_path / "crops", tmp_path / "others"], RigEvaluation(places=2))
     facts = asdict(read_crop(made))
     shutil.copytree(made, made.with_name("wide"))
@@ -535,7 +535,7 @@ def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, o
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     before = {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()}
-    with pytest.raises(RigError, match=r"near: is the folder of a recording"):
+    with pytest.raises(RigError, match=r"near: contains a recording"):
         crop([recording], read_rig_calibration(file), recording.folder.parent, overwrite=overwrite)
     assert {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()} == before
 
@@ -617,7 +617,7 @@ def test_another_depth_does_not_change_the_truth_of_a_recording(folder, tmp_path
     for name in ("truth.json", "page.json", "slider.csv"):
         shutil.copy(folder / name, tmp_path / "near")
     before = (folder / "truth.json").read_bytes()
-    with pytest.raises(RigError, match=r"truth.json: is of another rig or depth"):
+    with pytest.raises(RigError, match=r"truth.json: was made for another rig or depth"):
         render_rig(
             *(folder.parent / "rig.toml", tmp_path / "near", DEPTH_M + 0.1),
             frame_camera=FrameCameraOptions(),
@@ -632,7 +632,7 @@ def test_a_real_recording_is_not_rendered_over(tmp_path, name):
     (tmp_path / "near").mkdir()
     (tmp_path / "near" / name).write_text("t_us,x_m\n0,0\n1000000,0.1\n")
     before = (tmp_path / "near" / name).read_bytes()
-    with pytest.raises(RigError, match=rf"{name}: .*give a new folder"):
+    with pytest.raises(RigError, match=rf"{name}: .* another --out"):
         render_rig(
             tmp_path / "rig.toml", tmp_path / "near", DEPTH_M, frame_camera=FrameCameraOptions()
         )
@@ -648,7 +648,7 @@ def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new):
     """Promise: what is refused has written nothing: the recording keeps its camera and picture."""
     (tmp_path / "rig.toml").write_text(RIG.replace(old, new))
     before = {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()}
-    with pytest.raises(RigError, match=r"manifest.json: is of another camera or picture"):
+    with pytest.raises(RigError, match=r"manifest.json: is from another camera or picture"):
         render_rig(tmp_path / "rig.toml", folder, DEPTH_M, frame_camera=FrameCameraOptions())
     assert {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()} == before
 
@@ -704,7 +704,7 @@ def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
     (tmp_path / "rig.toml").write_text(f'camera_file = "{tmp_path}/lens.yaml"\n{text}')
-    with pytest.raises(RigError, match=r"camera_file: found .*expected the name of another file"):
+    with pytest.raises(RigError, match=r"camera_file: found .*expected the name of your own file"):
         read_rig(tmp_path / "rig.toml")
 
 
@@ -782,7 +782,7 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     for blur in ("-1", "nan", "200"):
         assert run(monkeypatch, *detected, "--overwrite", "--blur", blur) == 1
         message = " ".join(capsys.readouterr().err.split())
-        assert f"blur: found {blur} px, expected 0 to 200" in message
+        assert f"blur: found {blur} px, expected 0 to the width, 200" in message
     assert run(monkeypatch, "rig", "solve", folder, "--out", calibration) == 0
     assert "against the truth" in capsys.readouterr().out
     crops = tmp_path / "crops"
@@ -820,7 +820,7 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     table = (late / "slider.csv").read_text().splitlines()
     moved = [f"{int(line.split(',')[0]) + 10**7},{line.split(',')[1]}" for line in table[1:]]
     (late / "slider.csv").write_text("\n".join([table[0], *moved]) + "\n")
-    with pytest.raises(RigError, match="the clocks disagree"):
+    with pytest.raises(RigError, match="check the clocks"):
         detect(open_rig_recording(late), "hf", images=4)
 
     unexposed = copy("unexposed")
@@ -850,7 +850,7 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     kept = empty.where(np.arange(len(empty)) % 9973 == 0)
     (blind / "events.h5").unlink()
     write_events(blind / "events.h5", kept)
-    with pytest.raises(RigError, match=r"blind: no marker .* 4 images"):
+    with pytest.raises(RigError, match=r"blind: none of 4 images .* marker"):
         detect(open_rig_recording(blind), "hf", images=4)
 
     with pytest.raises(RigError, match=r"rig.toml: no such file"):
@@ -873,7 +873,7 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
     begins_us = int(events.t_us[len(events) // 4])
     for last_us, said in (
         (begins_us + 50_000, r"on the 3 mm that all recordings pass \(.*near passes 3 mm\)"),
-        (begins_us, "near.events.h5: no events"),
+        (begins_us, "near.events.h5: has no events"),
     ):
         (out / "events.h5").unlink()
         chosen = (events.t_us >= begins_us) & (events.t_us < last_us)
@@ -898,5 +898,5 @@ def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_so
     with pytest.raises(RigError, match=r"calibration: .*width = 346,.* 200;"):
         read_rig_calibration(file).of(recording)
     file.write_text(text.replace(str(folder), "/elsewhere"))
-    with pytest.raises(RigError, match=r"calibration: .* is missing"):
+    with pytest.raises(RigError, match=r"calibration: does not include"):
         read_rig_calibration(file).of(recording)
