@@ -213,7 +213,7 @@ class RigSettings:
 
     def __post_init__(self) -> None:
         if (self.camera is None) == (self.camera_file is None):
-            raise RigError("give camera or camera_file, not both")
+            raise RigError("give either camera or camera_file")
         if self.camera_file is not None:
             _check_beside("camera_file", self.camera_file)
 
