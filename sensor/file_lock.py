@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from filelock import FileLock
+
 
 @contextmanager
 def locked(path: str | Path) -> Iterator[None]:
     """Hold the lock of a file, which is created if necessary. The lock ends with the process.
 
-    It has no effect on file systems without locks, and on Windows.
+    It has no effect on file systems without locks.
     """
     with ExitStack() as stack:
-        with suppress(OSError, ImportError):
-            import fcntl
-
-            file = stack.enter_context(open(path, "ab"))
-            fcntl.flock(file, fcntl.LOCK_EX)
+        if Path(path).parent.is_dir():  # which a FileLock would make
+            with suppress(OSError, NotImplementedError):
+                stack.enter_context(FileLock(path))
         yield

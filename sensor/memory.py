@@ -7,13 +7,13 @@ arrays anew spends up to half of its time in the operating system.
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 
 import numpy as np
+import psutil
 from numpy.typing import DTypeLike, NDArray
 
 _MAX_SHARE = 0.7  # of the limit: a larger block would push out most of the others
@@ -26,7 +26,7 @@ def memory_bytes() -> int:
 
     `eres_render.rendering.memory` has the same, as neither package imports the other.
     """
-    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    physical = int(psutil.virtual_memory().total)
     try:
         return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="utf-8")))
     except (OSError, ValueError):  # no such file, or "max"

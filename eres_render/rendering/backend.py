@@ -14,7 +14,6 @@ import hashlib
 import json
 import logging
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -125,9 +124,8 @@ def release_render_memory() -> None:
     import drjit as dr
 
     dr.flush_malloc_cache()
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not all C libraries have it
-    if trim is not None:
-        trim(0)
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        libc.malloc_trim(0)
 
 
 @functools.cache  # variants passed over are logged once per process
@@ -193,7 +191,7 @@ def _probe(name: str) -> VariantVerdict:
             text=True,
             timeout=_PROBE_LIMIT_S,
         )
-        works, reason, lasting = run.returncode == 0, "", run.returncode != -signal.SIGKILL
+        works, reason, lasting = run.returncode == 0, "", run.returncode != -9
         if not works:
             output = run.stderr + run.stdout
             reason = _last_words(output) or f"exit status {run.returncode}"

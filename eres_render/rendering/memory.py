@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
+
+import psutil
 
 from eres_render.camera import Camera
 from eres_render.errors import RenderError
@@ -40,7 +41,7 @@ def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str)
 
 def memory_bytes() -> int:
     """Return the memory of this machine, or of the container if that has less."""
-    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    physical = int(psutil.virtual_memory().total)
     try:
         return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="utf-8")))
     except (OSError, ValueError):  # no such file, or "max"

@@ -249,7 +249,7 @@ def _check_readable(path: Path, changed_ns: int, size: int) -> None:
 @contextmanager
 def _silence() -> Iterator[None]:
     """Discard the output of C and C++ libraries, which does not go through Python's streams."""
-    flush_all = ctypes.CDLL(None).fflush
+    flush_all = ctypes.CDLL("ucrtbase" if os.name == "nt" else None).fflush
     with _silencing, open(os.devnull, "wb") as nowhere:
         flush_all(None)
         copies = {}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import filelock
 
 from eres_render.errors import RenderError
 from eres_render.storage.atomic import make_folder
@@ -26,8 +28,7 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
     path
         The lock file, which is made if necessary. An exclusive holder deletes it on release.
     """
-    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-    with _acquired(path, kind if wait else kind | fcntl.LOCK_NB):
+    with _exclusive(path, wait) if sys.platform == "win32" else _acquired(path, shared, wait):
         try:
             yield
         finally:
@@ -36,8 +37,20 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
                     path.unlink()
 
 
-def _acquired(path: Path, how: int) -> BinaryIO:
+def _exclusive(path: Path, wait: bool) -> AbstractContextManager[Any]:
+    """Return a held lock; `filelock` has none that is shared, so there holders take turns."""
+    make_folder(path.parent)
+    try:
+        return filelock.FileLock(path).acquire(timeout=-1 if wait else 0)
+    except filelock.Timeout:
+        raise LockedError(f"{path}: another process holds the lock") from None
+
+
+def _acquired(path: Path, shared: bool, wait: bool) -> BinaryIO:
     """Return the locked file, which holds the lock until it is closed."""
+    import fcntl
+
+    how = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
     while True:
         with ExitStack() as stack:
             file = stack.enter_context(_opened(path))

@@ -11,6 +11,7 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from sensor.engine.group import least_bytes, members_by_light
@@ -71,10 +72,18 @@ def checked_seed(seed: int) -> int:
     return whole("seed", seed, "an integer in 0..2^63 - 1", 0, _MAX_SEED)
 
 
+def cores() -> int:
+    """Return how many cores this process may use; `eres_render.cores` has the same."""
+    process = psutil.Process()
+    if hasattr(process, "cpu_affinity"):  # macOS has none
+        return len(process.cpu_affinity())
+    return os.cpu_count() or 1
+
+
 def checked_threads(threads: int | None) -> int:
     """Return the number of threads; None is one for each core."""
     if threads is None:
-        return len(os.sched_getaffinity(0))
+        return cores()
     expected = f"an integer in 1..{_MAX_THREADS}, or None for one per core"
     return whole("threads", threads, expected, 1, _MAX_THREADS)
 
