@@ -32,13 +32,13 @@ _MIN_WHITE, _MAX_WHITE = 1e-296, 1e302  # so that the dark level is one that mod
 def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorModel]:
     """Return the models; `white` is the radiance of white for those that are functions."""
     if not isinstance(models, Iterable) or not (models := list(models)):
-        raise refusal("models", models, "a list of SensorModel, at least one")
+        raise refusal("models", models, "a list of at least one SensorModel")
     values: list[Any] = [m(white) if isinstance(m, FunctionType) else m for m in models]
     for i, model in enumerate(values):
         if not isinstance(model, SensorModel):
             name = f"models[{i}]" if len(values) > 1 else "model"
             raise SensorError(
-                f"{name}: found a {type(model).__name__}, expected a SensorModel, such as "
+                f"{name}: found type {type(model).__name__}, expected a SensorModel, such as "
                 "SensorModel(width=346, height=260)"
             )
     return values
@@ -158,8 +158,8 @@ def _white_of(frame: NDArray[np.floating], name: str) -> float:
     if not _MIN_WHITE <= white <= _MAX_WHITE:
         what = f"has a white level of {white:g}" if white > 0 else "is black"
         raise SensorError(
-            f"{name}: None takes the white level of the first frame, from {_MIN_WHITE:g} to "
-            f"{_MAX_WHITE:g}, but that frame {what}; give SensorModel.{name}, or `white` of "
+            f"{name}: None derives it from the first frame's white level, but that frame {what} "
+            f"(expected {_MIN_WHITE:g} to {_MAX_WHITE:g}); give SensorModel.{name}, or `white` of "
             "LiveCamera"
         )
     return white
