@@ -161,7 +161,7 @@ def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -
     if not layers:
         raise RenderError(
             f"{path}: found channels {', '.join(names)}, expected Y, or R, G and B, with one value "
-            "a pixel"
+            "per pixel"
         )
     if wanted is not None:
         choices = [[layer for layer in layers if layer.name == wanted]]
@@ -172,7 +172,7 @@ def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -
         if len(choice) == 1:
             return choice[0]
     listed = ", ".join(layer.name or "(none)" for layer in layers)
-    what = "name one of them with --layer" if wanted is None else f"none is {wanted!r} (--layer)"
+    what = "choose one with --layer" if wanted is None else f"none is {wanted!r} (--layer)"
     raise RenderError(f"{path}: found layers {listed}; {what}")
 
 
