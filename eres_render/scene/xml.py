@@ -129,7 +129,7 @@ class _Reader:
                 self.folders.insert(0, beside if beside.is_dir() else self.top.parent / value)
             elif element.tag == "include":
                 if "$" in (name := element.get("filename", "")):
-                    raise SceneError(f"{file}: includes {name!r}, a parameter without a value")
+                    raise SceneError(f"{file}: includes {name!r}, whose parameter has no value")
                 yield from self.elements(self._find(name, file))
             elif element.tag == "string" and name == "filename":
                 self._find(value, file)

@@ -208,7 +208,7 @@ def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArra
     if not start.any() and image.shape == (size[1], size[0]):
         return image
     if math.prod(size.tolist()) > _FREE_PIXELS + _MAX_GROWTH * image.size:
-        raise ValueError("a display window far larger than its data window")
+        raise ValueError("the display window is far larger than the data window")
     shown = np.zeros((size[1], size[0]), np.float32)
     low = np.clip(start, 0, size)
     high = np.clip(start + image.shape[::-1], low, size)

@@ -172,7 +172,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
     if "threshold" in table and "threshold_off" not in table:
         unit = table["threshold"].get("unit") if isinstance(table["threshold"], dict) else None
         if unit == "%":
-            raise SensorError("threshold: in %, it needs threshold_off, too (rise and fall)")
+            raise SensorError("threshold: give threshold_off, too: rise and fall in % differ")
         values[FIELDS["threshold_off"]] = None
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():

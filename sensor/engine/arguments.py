@@ -87,7 +87,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
     """
     if model.height > height or model.width > width:
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px is finer than the frames of "
+            f"the sensor of {model.width}x{model.height} px is finer than the frames of "
             f"{width}x{height} px; render larger frames or choose a smaller sensor"
         )
     # |height - width H / W| < 1 or |width - height W / H| < 1, without a division.
@@ -95,8 +95,8 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px differs in aspect ratio from the frames of "
-            f"{width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
+            f"the sensor of {model.width}x{model.height} px differs in aspect ratio from the "
+            f"frames of {width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
             f"{columns.start}:{columns.stop}], or choose a sensor of {model.width}x{alike} px"
         )
 
@@ -109,7 +109,7 @@ def check_memory(models: list[SensorModel], starts: list[int]) -> None:
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "
             f"{max(m.width for m in models)}x{max(m.height for m in models)} px: the state of the "
-            f"pixels needs {needed / 1e9:.1f} GB, and this machine has {available / 1e9:.1f} GB of "
+            f"pixels needs {needed / 1e9:.1f} GB, but this machine has {available / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
 

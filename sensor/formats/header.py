@@ -147,7 +147,7 @@ def model_from_json(text: str) -> SensorModel:
     for name, value in table.items():
         if name not in kinds:
             raise EventFormatError(
-                f"sensor_model.{name}: unknown parameter; a newer version may have written it"
+                f"sensor_model.{name}: unknown; a newer version of eres may have written it"
             )
         allowed = typing.get_args(kinds[name]) or (kinds[name],)
         if value == "inf" and float in allowed:

@@ -144,7 +144,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         ([CAMERA, '<include filename="rest.xml"/>'], r"names 'rest\.xml', but .* is missing"),
         (
             [CAMERA, '<include filename="$rest"/>'],
-            r"includes '\$rest', a parameter without a value",
+            r"includes '\$rest', whose parameter",
         ),
         ([CAMERA, '<include filename="mine.xml"/>'], r"includes .*mine\.xml, which includes it"),
         ([CAMERA, "<shape"], r"mine\.xml: could not be read as XML"),

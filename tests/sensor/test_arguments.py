@@ -483,7 +483,7 @@ def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
     there = arguments.memory_bytes()
     assert 1e8 < there < 1e15
     count = math.ceil((there + 1) / (24 * (1 << 32)))  # they share 8 bytes a pixel
-    with pytest.raises(SensorError, match=rf"and this machine has {there / 1e9:.1f} GB of memory"):
+    with pytest.raises(SensorError, match=rf"but this machine has {there / 1e9:.1f} GB of memory"):
         arguments.check_memory([model] * count, [0] * count)
 
 

@@ -307,7 +307,7 @@ def test_a_file_changes_its_base(tmp_path):
         ),
         (
             'threshold = { value = 11, unit = "%", source = "s" }',
-            "threshold: in %, it needs threshold_off",
+            "threshold: give threshold_off, too",
         ),
         ('leak = { value = 1, unit = "lux", source = "s" }', "leak.unit: found 'lux'"),
         ("leak = { value = 1 }", "leak.source: found None"),

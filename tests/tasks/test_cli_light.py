@@ -396,7 +396,7 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     for k in range(2):
         (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
         (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
-    instead = f"a folder of 2 sequences; give a sequence, such as {tmp_path / 'r' / 'clip_000'}"
+    instead = f"a folder of 2 sequences; give one sequence, such as {tmp_path / 'r' / 'clip_000'}"
     folder, out = tmp_path / "r", tmp_path / "o"
     refused(eres, tmp_path, instead, "info", folder)
     refused(eres, tmp_path, instead, "truth", folder, "--out", out)
