@@ -65,7 +65,7 @@ def _pin(name: str) -> None:
         if file is None or Path(file).resolve() != init:
             raise ImportError(
                 f"{name!r} is already imported from {file}, which hides the package of eres in "
-                f"{init.parent}: import eres_events before it, or rename that file",
+                f"{init.parent}; import eres_events first, or rename that file",
                 name=name,
                 path=file,
             )

@@ -65,7 +65,7 @@ def _read_camera(file: Path, name: str | None) -> Camera:
     chain = [key for key in table if _KALIBR_NAME.fullmatch(str(key))]
     names = ", ".join(chain) or "neither camera_matrix nor cam0"
     _check(len(chain) > 0, file, names, "YAML of OpenCV or Kalibr")
-    _check(name is not None or len(chain) == 1, file, names, "the name of one of them")
+    _check(name is not None or len(chain) == 1, file, names, "a choice (--camera-name)")
     chosen = chain[0] if name is None else name
     _check(chosen in chain, file, names, repr(chosen))
     return _of_kalibr(table[chosen], f"{file}: {chosen}")
@@ -170,14 +170,14 @@ def _of_opencv(table: dict[str, Any], file: Path) -> Camera:
     _check(model in _ROS_MODELS, f"{file}: distortion_model", repr(model), " or ".join(_ROS_MODELS))
     # OpenCV's own program has a flag for fish-eyes beside the same fields.
     is_fisheye = bool(table.get("fisheye_model"))
-    _check(not is_fisheye, f"{file}: fisheye_model", 1, f"none: {_ROS_MODELS[0]}")
+    _check(not is_fisheye, f"{file}: fisheye_model", 1, f"0, for {_ROS_MODELS[0]}")
     K = np.reshape(_matrix_of(table, "camera_matrix", (9,), file), (3, 3))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     expected = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
     is_plain = np.array_equal(K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     _check(is_plain, f"{file}: camera_matrix", K.tolist(), expected)
     lens = _matrix_of(table, "distortion_coefficients", (4, 5, 8, 12, 14), file)
-    expected = "zeros after k1, k2, p1, p2 and k3: other models are not supported"
+    expected = "zeros after k1, k2, p1, p2 and k3, since other models are not supported"
     _check(not any(lens[5:]), f"{file}: distortion_coefficients", lens, expected)
     width, height = (_side(table.get(name), name, file) for name in ("image_width", "image_height"))
     return _camera((width, height), [fx, fy, cx, cy], Distortion(*lens[:5]), file)

@@ -97,27 +97,25 @@ class Camera:
         above = {"fx": 0.0, "fy": 0.0, "cx": -math.inf, "cy": -math.inf}
         for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
             if given is not None and not low < given < math.inf:
-                raise RenderError(f"Camera.{name}: found {given}, expected ({low:g}, inf)")
+                raise RenderError(f"Camera.{name}: found {given}, not in ({low:g}, inf)")
         if not isinstance(distortion, Distortion | None):
             raise RenderError(
                 f"Camera.distortion: found {distortion!r}, expected Distortion(k1, k2, p1, p2, k3)"
             )
         if fov_rad is None:
             if fx is None:
-                raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
+                raise RenderError("Camera: needs fov_rad or fx, and has neither")
             fov_rad = 2 * math.atan2(0.5 * width, fx)
         views = {"fov_rad": fov_rad, "fy": 2 * math.atan2(0.5 * height, fy) if fy else fov_rad}
         for name, view_rad in views.items():
             if not 0 < view_rad < math.pi:
-                raise RenderError(
-                    f"Camera.{name}: found a view of {view_rad} rad, expected (0, pi)"
-                )
+                raise RenderError(f"Camera.{name}: the view of {view_rad} rad is not in (0, pi)")
         fx_of_fov = 0.5 * width / math.tan(0.5 * fov_rad)
         if fx is None:
             fx = fx_of_fov
         elif not math.isclose(fx, fx_of_fov, rel_tol=1e-6):
             raise RenderError(
-                f"Camera.fx: found {fx}, expected {fx_of_fov} for fov_rad = {fov_rad}; give one"
+                f"Camera.fx: {fx} contradicts fov_rad = {fov_rad} (fx = {fx_of_fov}); give one"
             )
         fy = fx if fy is None else fy
         center = 0.5 * width if cx is None else cx, 0.5 * height if cy is None else cy
@@ -141,8 +139,8 @@ class Camera:
         worst = radius.argmax()
         fold = lens.distort(xy[worst] * (lens.reach / radius[worst])) * (self.fx, self.fy)
         raise RenderError(
-            f"Camera.distortion: {lens} folds the image {np.hypot(*fold):.1f} px from the "
-            "principal point, but each pixel needs a direction of its own, out to "
+            f"Camera.distortion: {lens} folds the image onto itself {np.hypot(*fold):.1f} px from "
+            "the principal point, but the image reaches out to "
             f"{np.hypot(*(border[worst] - (self.cx, self.cy))):.1f} px"
         )
 
@@ -473,7 +471,7 @@ class Plane:
         """
         distance = self.distance(origin, direction)
         if not np.all(np.isfinite(distance)):
-            raise RenderError("Plane.intersect: found a ray that does not run toward the plane")
+            raise RenderError("Plane.intersect: a ray does not run toward the plane")
         points: Float64 = np.asarray(origin) + distance[..., None] * np.asarray(direction)
         return points
 

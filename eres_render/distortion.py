@@ -141,8 +141,8 @@ class Distortion:
             try_x, try_y = x + step_x, y + step_y
         if not np.all(left <= _CLOSE_ENOUGH * close):
             raise RenderError(
-                f"{self}: the search for a direction ended {np.max(left):.2g} away, above "
-                f"{_CLOSE_ENOUGH:g}"
+                f"{self}: cannot be inverted at a point; the search for its direction ended "
+                f"{np.max(left):.2g} away (limit {_CLOSE_ENOUGH:g})"
             )
         return np.stack([x, y], axis=-1)
 

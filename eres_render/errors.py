@@ -18,7 +18,7 @@ class RenderError(ValueError):
     >>> from eres_render import Camera
     >>> Camera(1280, 720)
     Traceback (most recent call last):
-    eres_render.errors.RenderError: Camera: found neither fov_rad nor fx, expected one of them
+    eres_render.errors.RenderError: Camera: needs fov_rad or fx, and has neither
     """
 
 
@@ -42,7 +42,7 @@ class TrajectoryError(RenderError):
     >>> from eres_render import load_scene
     >>> load_scene("carpet").trajectory().pose(60.0)
     Traceback (most recent call last):
-    eres_render.errors.TrajectoryError: the path lasts from 0 to 10 s; ...
+    eres_render.errors.TrajectoryError: the path covers 0 to 10 s; ...
     """
 
 
@@ -99,7 +99,7 @@ def reading(file: Path, format: str, error: type[ValueError]) -> Iterator[None]:
 def _in_one_line(error: Exception) -> str:
     """Return the text of an error, or its name if it has none."""
     if isinstance(error, RecursionError):
-        return "nested too deep"
+        return "nested too deeply"
     return " ".join(str(error).split())[:_MAX_CHARACTERS] or type(error).__name__
 
 

@@ -85,7 +85,7 @@ def reading(
 def _in_one_line(error: Exception) -> str:
     """Return the text of an error, or its name if it has none."""
     if isinstance(error, RecursionError):
-        return "nested too deep"
+        return "nested too deeply"
     return " ".join(str(error).split())[:_MAX_CHARACTERS] or type(error).__name__
 
 

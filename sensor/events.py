@@ -102,7 +102,7 @@ class Events:
         for name in ("width", "height"):
             side = getattr(self, name)
             if not isinstance(side, int | np.integer) or side < 0:
-                raise EventError(f"Events.{name}: found {side!r}, expected a number of pixels")
+                raise EventError(f"Events.{name}: found {side!r}, expected 0 or more whole px")
         if len(self.t_us) == 0:
             return
         backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
@@ -168,7 +168,7 @@ class Events:
         """Return a contiguous part of the stream, as views of the same memory."""
         if not isinstance(part, slice) or part.step not in (None, 1):
             raise TypeError(
-                f"Events: found the index {part!r:.60}, expected a slice of step 1; "
+                f"Events: found the index {part!r:.60}, expected a slice with step 1; "
                 "`events.where(mask)` selects any events, and the columns are `events.t_us`, "
                 "`events.x`, `events.y` and `events.p`"
             )
@@ -291,7 +291,7 @@ class Events:
         if max(self.width, self.height) > 2**15:
             raise EventError(
                 f"Events.to_structured: found {self.width}x{self.height} px, expected at most "
-                f"{2**15} px a side, the range of int16"
+                f"{2**15} px per side, the range of int16"
             )
         array = np.empty(len(self), _STRUCTURED)
         array["x"], array["y"], array["t"], array["p"] = self.x, self.y, self.t_us, self.p > 0
@@ -321,8 +321,8 @@ def shifted(t_us: NDArray[np.int64], shift_us: int, function: str) -> NDArray[np
         return t_us.copy()
     if not _FIRST_US <= shift + int(t_us[0]) <= shift + int(t_us[-1]) <= _LAST_US:
         raise EventError(
-            f"{function}: found shift_us = {shift} and times from {t_us[0]} to {t_us[-1]}, "
-            "expected sums within int64"
+            f"{function}: adding shift_us = {shift} to times from {t_us[0]} to {t_us[-1]} us "
+            "overflows int64"
         )
     return t_us + shift
 

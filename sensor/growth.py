@@ -12,6 +12,6 @@ def check_growth(declared_bytes: int, stored_bytes: int) -> None:
     """Refuse data that declares far more bytes than any compressed recording stores."""
     if declared_bytes > _FREE_BYTES + _MAX_GROWTH * stored_bytes:
         raise EventFormatError(
-            f"the file declares {declared_bytes} bytes but stores {stored_bytes}, a factor above "
-            f"{_MAX_GROWTH}; it is damaged"
+            f"the file declares {declared_bytes} bytes but stores {stored_bytes}, a factor of "
+            f"more than {_MAX_GROWTH}; it is damaged"
         )

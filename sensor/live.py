@@ -139,8 +139,8 @@ class LiveCamera:
             self._live = self._started(chunk[0])
         elif chunk.shape[1:] != self._shape:
             raise SensorError(
-                f"frame {self._frames}: found shape {chunk.shape[1:]}, expected {self._shape} like "
-                "the first frame"
+                f"frame {self._frames}: found shape {chunk.shape[1:]}, expected {self._shape}, the "
+                "shape of the first frame"
             )
         try:
             parts = [events for _, events in self._live.push(chunk, times_s)]
@@ -199,7 +199,8 @@ class LiveCamera:
         before = len(self._last_s)
         times_s = frames.checked_times(np.append(self._last_s, t_s), self._frames - before)
         if len(times_s) - before != count:
-            raise SensorError(f"t_s: found {len(times_s) - before} times for {count} frames")
+            found = len(times_s) - before
+            raise SensorError(f"t_s: {found} times for {count} frames; expected one per frame")
         frames.check_spans(times_s, 1.0, self._frames - before)
         if self._frames < 2:  # the first interval
             frames.warn_of_long_intervals(times_s)

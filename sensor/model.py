@@ -24,7 +24,7 @@ PHOTORECEPTORS: tuple[str, ...] = get_args(Photoreceptor)
 # Smallest and largest value of each number, and both in words.
 _SIDE = 1, MAX_SIDE_PX, f"an integer in 1..{MAX_SIDE_PX}"
 _NUMBER = 0, FINITE, "a number of at least 0"
-_RATE = 0, MAX_RATE_HZ, f"Hz from 0 to {MAX_RATE_HZ:g}, one event per microsecond"
+_RATE = 0, MAX_RATE_HZ, f"a rate from 0 to {MAX_RATE_HZ:g} Hz, one event per microsecond"
 _LOG_UNITS = f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)"
 _THRESHOLD = MIN_THRESHOLD, MAX_THRESHOLD, _LOG_UNITS
 _BOUNDS: dict[str, tuple[float, float, str]] = {
@@ -48,7 +48,7 @@ _BOUNDS: dict[str, tuple[float, float, str]] = {
 _OPTIONAL = "contrast_threshold_off", "dark_level", "cutoff_reference"
 _EXPECTED = {name: expected for name, (_, _, expected) in _BOUNDS.items()} | {
     "photoreceptor": " or ".join(map(repr, PHOTORECEPTORS)),
-    "shot_noise_hz": "0 where dark_level is 0, which the rate in light is relative to",
+    "shot_noise_hz": "0, since dark_level is 0 and the rate is relative to the dark level",
     "random_start": "True or False",
 }
 

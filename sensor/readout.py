@@ -71,7 +71,7 @@ class Readout:
         for name, check, expected, low, high in (
             ("max_rate_hz", real, "a positive number of events per second", POSITIVE, FINITE),
             ("fifo_depth", whole, f"an integer from 1 to {_MAX_SLOTS:,}", 1, _MAX_SLOTS),
-            ("row_overhead_s", real, "seconds >= 0", 0, FINITE),
+            ("row_overhead_s", real, "0 or more seconds", 0, FINITE),
         ):
             number = check(f"Readout.{name}", getattr(self, name), expected, low, high)
             object.__setattr__(self, name, number)  # a Python number, for files
@@ -300,8 +300,8 @@ class _Queue:
         fifo.advance(fifo.END_OF_TIME_US, self._bus, self._fifo, tally, sent, 0)
         if late := int(self._fifo.state[fifo.WAITING]):
             raise EventError(
-                f"readout: {late} events would leave after {fifo.END_OF_TIME_US} us; expected "
-                "earlier events, or a bus with a larger max_rate_hz or smaller row_overhead_s"
+                f"readout: {late} events would leave after {fifo.END_OF_TIME_US} us; give "
+                "earlier events, or a bus with a larger max_rate_hz or a smaller row_overhead_s"
             )
         return Events.trusted(*sent, like=like)
 

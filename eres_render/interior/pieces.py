@@ -57,7 +57,7 @@ def paint(name: str, width_px: int, height_px: int, texel_m: float, seed: int) -
     if (width_px, height_px) != (atlas.columns * k, atlas.rows * k):
         raise SceneError(
             f"texture {name}: found size_px {width_px} and height_px {height_px}, expected "
-            f"{atlas.columns * k} and {atlas.rows * k}, its atlas"
+            f"{atlas.columns * k} and {atlas.rows * k}, as in its atlas"
         )
     if abs(texel_m * k - CELL_M) > 1e-9:
         raise SceneError(f"texture {name}: found texel_m {texel_m}, expected {CELL_M / k:.9g}")

@@ -135,7 +135,7 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
 def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
     """Bake into a folder that gets its name when it is complete."""
     cached = _cached_lightmaps(scene)
-    _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
+    _log.info("no lightmaps match the current files of %s; baking them into %s", scene.name, cached)
     baked = cached.with_name(f"{cached.name}.unfinished")
     bake_scene(scene, baked, on_progress)
     shutil.rmtree(cached, ignore_errors=True)
@@ -200,7 +200,7 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
         if shape.id() not in maps:
             raise SceneError(
                 f"{scene.folder}: shape {shape.id()!r} has no lightmap, only {list(maps)} have; "
-                "bake them again with eres bake"
+                "run eres bake again"
             )
         texels = light.reflectance(shape.bsdf(), scene)
         reflected, irradiance = _at_one_size(texels, maps[shape.id()])

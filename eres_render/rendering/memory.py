@@ -29,7 +29,7 @@ def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str)
         needed += _BYTES_A_SAMPLE[integrator] * pixels * spp
     if needed > (available := memory_bytes()):
         raise RenderError(
-            f"{size}, which need {needed / 1e9:.1f} GB of memory, and this machine has "
+            f"{size}, which need {needed / 1e9:.1f} GB of memory, but this machine has "
             f"{available / 1e9:.1f} GB; choose a lower resolution or fewer samples"
         )
     if not variant.startswith("scalar") and pixels * spp > _MAX_SAMPLES:

@@ -35,7 +35,7 @@ class PlacedObjects:
                 if name not in shapes or shapes[name].class_name() == "Instance":
                     raise SceneError(
                         f"{scene_file}: shape {name!r} of object {moving.name!r} is an instance or "
-                        "inside a group, expected a shape of its own"
+                        "inside a group; place the shape in the scene itself"
                     )
                 self._movers.append((moving, self._mover(name, moving.name, scene_file)))
 

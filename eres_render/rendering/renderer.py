@@ -123,7 +123,7 @@ class Renderer:
         _check_seed(seed)
         if integrator not in (None, *get_args(Integrator)):
             hint = suggestion(str(integrator), get_args(Integrator))
-            raise RenderError(f"integrator: found {integrator!r}, {hint}")
+            raise RenderError(f"integrator: found {integrator!r}; {hint}")
         self.scene = scene
         self.seed = int(seed)
         self.variant = select_variant()
@@ -183,9 +183,9 @@ class Renderer:
         is_plain = camera.fx == camera.fy and camera.distortion is None
         if not is_plain and self.variant.startswith("scalar"):
             raise RenderError(
-                f"camera: found fx = {camera.fx}, fy = {camera.fy}, distortion = "
-                f"{camera.distortion}, but {self.variant} renders only square pixels without a "
-                "lens; install LLVM (apt-get install libllvm19)"
+                f"camera: {self.variant} renders only square pixels without distortion, but fx = "
+                f"{camera.fx}, fy = {camera.fy}, distortion = {camera.distortion}; "
+                "install LLVM (apt-get install libllvm19)"
             )
         self.camera, self.spp = camera, int(spp)
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
@@ -382,7 +382,7 @@ class Renderer:
             return
         if t_s is None:
             raise RenderError(
-                f"{self.scene.name}: found no t_s, expected a time on the path, since objects move"
+                f"t_s: found None, expected a time, as objects of {self.scene.name} move"
             )
         self._placed.place(t_s)
 

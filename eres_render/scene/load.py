@@ -127,7 +127,7 @@ def _load_folder(folder: Path, source: str) -> Scene:
     toml_file, xml_file = folder / "scene.toml", folder / "scene.xml"
     for needed in (toml_file, xml_file):
         if not needed.is_file():
-            raise SceneError(f"{needed}: missing, expected in a scene folder")
+            raise SceneError(f"{needed}: missing; a scene folder needs it")
     settings = read_toml(SceneToml, toml_file, SceneError)
     _check(settings, toml_file)
     xml = read_scene_xml(xml_file, settings.textures)
@@ -177,7 +177,7 @@ def _check(settings: SceneToml, file: Path) -> None:
         check(plane is not None, "path.kind", repr(path.kind), other)
     elif isinstance(path, WaypointsPath):
         check(len(path.waypoints) >= 2, "path.waypoints", len(path.waypoints), "two or more")
-        check(any(path.up), "path.up", path.up, "a direction")
+        check(any(path.up), "path.up", path.up, "a vector that is not 0")
     elif isinstance(path, TumPath):
         is_file = (file.parent / path.file).is_file()
         check(is_file, "path.file", repr(path.file), "an existing file")
@@ -190,7 +190,7 @@ def _check(settings: SceneToml, file: Path) -> None:
         check(name not in _NAMES_OF_MITSUBA, f"textures.{name}", repr(name), other)
         check(recipe.seed >= 0, f"textures.{name}.seed", recipe.seed, "0 or more")
     fov_deg = settings.camera.fov_deg
-    check(0 < fov_deg < 180, "camera.fov_deg", fov_deg, "(0, 180) degrees")
+    check(0 < fov_deg < 180, "camera.fov_deg", fov_deg, "between 0 and 180 degrees")
 
 
 def _check_objects(settings: SceneToml, file: Path, shape_ids: Collection[str]) -> None:

@@ -67,8 +67,8 @@ def read_object(
     t_s, poses = read_tum(file, t_offset_us)
     if t_s[0] > _CLOCK_S or t_s[-1] < duration_s - _CLOCK_S:
         raise TrajectoryError(
-            f"{file}: the path of object {name!r} lasts from {t_s[0]:g} to {t_s[-1]:g} s, but the "
-            f"camera's path from 0 to {duration_s:g} s; add poses"
+            f"{file}: the path of object {name!r} covers {t_s[0]:g} to {t_s[-1]:g} s, but the "
+            f"camera's path covers 0 to {duration_s:g} s; add poses"
         )
     t_s[0], t_s[-1] = min(t_s[0], 0.0), max(t_s[-1], duration_s)
     with reading(file, "text", TrajectoryError):

@@ -54,8 +54,8 @@ def check_faces(path: Path) -> None:
             return
     if largest >= vertices:
         raise RenderError(
-            f"{path}: found a face of vertex {largest}, expected 0 to {vertices - 1}, as there are "
-            f"{vertices} vertices"
+            f"{path}: a face refers to vertex {largest}, but there are only {vertices} vertices "
+            "(counted from 0)"
         )
 
 

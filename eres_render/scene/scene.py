@@ -239,8 +239,8 @@ class Scene:
         moved = np.ptp(trajectory.controls, axis=0).max()
         if moved <= _AT_REST * abs(trajectory.controls).max() and not self.settings.objects:
             raise TrajectoryError(
-                f"{self.path_name}: found a path of length 0, expected a camera or an object that "
-                "moves"
+                f"{self.path_name}: the path has length 0 and no object moves; move the camera or "
+                "an object"
             )
         return trajectory
 

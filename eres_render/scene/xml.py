@@ -56,8 +56,8 @@ class SceneXml:
             shifted = element.get("name", "").startswith("principal_point_offset")
             if shifted and element.get("value") not in ("0", "0.0"):
                 _log.warning(
-                    "%s: camera: %s is left out, as only the field of view is read; --camera takes "
-                    "a calibrated camera",
+                    "%s: camera: %s is ignored, as only the field of view is read; give a "
+                    "calibrated camera with --camera",
                     self.file,
                     element.get("name"),
                 )
@@ -114,7 +114,7 @@ class _Reader:
         if file.resolve() in self.open:
             raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
         if len(self.files) > _MAX_FILES:
-            raise SceneError(f"{file}: the scene names more than {_MAX_FILES} files up to here")
+            raise SceneError(f"{file}: up to here the scene names more than {_MAX_FILES} files")
         self.open.append(file.resolve())
         with reading(file, "XML", SceneError):
             root = _parsed(file)
@@ -129,7 +129,7 @@ class _Reader:
                 self.folders.insert(0, beside if beside.is_dir() else self.top.parent / value)
             elif element.tag == "include":
                 if "$" in (name := element.get("filename", "")):
-                    raise SceneError(f"{file}: includes {name!r}, a parameter without a value")
+                    raise SceneError(f"{file}: includes {name!r}, whose parameter has no value")
                 yield from self.elements(self._find(name, file))
             elif element.tag == "string" and name == "filename":
                 self._find(value, file)
@@ -150,7 +150,7 @@ class _Reader:
         if sum(len(self._value(m[1], m[0])) for m in parameter.finditer(value)) > _MAX_CHARACTERS:
             raise SceneError(
                 f"{self.open[-1]}: found {value[:60]!r}, expected at most {_MAX_CHARACTERS} "
-                "characters with the values of its parameters"
+                "characters once its parameters are filled in"
             )
         return parameter.sub(lambda m: self._value(m[1], m[0]), value)
 
@@ -178,7 +178,7 @@ def _fov_rad(camera: Element) -> float:
     aspect = width / height
     axis = values.get("fov_axis", values.get("fovAxis", "x"))
     if "fov" in values:
-        fov_deg = _number("fov", values["fov"], 180.0, "(0, 180) degrees")
+        fov_deg = _number("fov", values["fov"], 180.0, "between 0 and 180 degrees")
         half = math.tan(0.5 * math.radians(fov_deg))
     else:
         name = "focalLength" if "focalLength" in values else "focal_length"

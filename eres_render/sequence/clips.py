@@ -60,8 +60,8 @@ class Clip:
         use_python_numbers(self)
         if not 0 <= self.t_start_s <= self.t_window_start_s < self.t_window_end_s:
             raise RenderError(
-                f"Clip {self.index}: found {self.t_start_s}, {self.t_window_start_s}, "
-                f"{self.t_window_end_s} s, expected 0 <= start <= window start < window end"
+                f"Clip {self.index}: found start {self.t_start_s}, window {self.t_window_start_s} "
+                f"to {self.t_window_end_s} s, expected 0 <= start <= window start < window end"
             )
         anchor_s = self.t_anchor_s
         if anchor_s is not None and not self.t_start_s < anchor_s <= self.t_window_start_s:
@@ -140,14 +140,14 @@ def clips(
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
     if fitting > _MAX_CLIPS:
         raise RenderError(
-            f"found {duration_s:g} s of path, with {fitting} clips, expected at most "
+            f"the path of {duration_s:g} s holds {fitting} clips, expected at most "
             f"{_MAX_CLIPS}; are the times of the poses in seconds?"
         )
     if fitting < 1:
         needed_s = 0.5 * every_s + window_s
         longer = f"--duration {needed_s:g} or more, or " if needed_s <= scene.duration_s else ""
         raise RenderError(
-            f"no clip fits: found {duration_s:g} s of path, expected at least {needed_s:g} s; give "
+            f"no clip fits into {duration_s:g} s of path, expected at least {needed_s:g} s; give "
             f"{longer}--continuous for one sequence of the whole path"
         )
     count = fitting if samples is None else samples
@@ -197,7 +197,7 @@ def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
     duration_s = _checked_duration_s(scene, duration_s)
     if duration_s > _MAX_S:
         raise RenderError(
-            f"found {duration_s:g} s of path, expected at most {_MAX_S:g} s for one sequence; "
+            f"the path of {duration_s:g} s is too long for one sequence, at most {_MAX_S:g} s; "
             "are the times of the poses in seconds?"
         )
     return Clip(0, 0.0, 0.0, duration_s)
@@ -208,5 +208,5 @@ def _checked_duration_s(scene: Scene, duration_s: float | None) -> float:
     if duration_s is None:
         return path_s
     if not 0 < duration_s <= path_s:
-        raise RenderError(f"duration_s: found {duration_s}, expected (0, {path_s}] s, the path")
+        raise RenderError(f"duration_s: found {duration_s}, not within the {path_s} s of the path")
     return duration_s

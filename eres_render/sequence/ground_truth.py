@@ -296,8 +296,8 @@ class GroundTruth:
             raise SceneError("a homography needs a planar scene, with a [plane]")
         if self._camera.distortion is not None:
             raise SceneError(
-                f"a homography needs a pinhole, but the lens has {self._camera.distortion}; use "
-                "point_flow, or plane_homography between undistorted positions"
+                f"a homography needs a pinhole camera, but the lens has {self._camera.distortion}; "
+                "use point_flow, or plane_homography between undistorted positions"
             )
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)

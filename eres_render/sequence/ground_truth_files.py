@@ -160,7 +160,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that holds a sequence or ground truth, or remove the ground truth."""
     if (folder / "manifest.json").exists():
         raise RenderError(
-            f"{folder}: holds a sequence, whose poses.txt would be replaced; write elsewhere"
+            f"{folder}: holds a sequence, whose poses.txt would be replaced; choose another folder"
         )
     clear_unfinished(folder)
     kinds = ("depth/*.exr", "flow/*.exr", "flow/*.png", "instances/*.png")
@@ -170,8 +170,8 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     old += [file for name in ("camera.json", "poses.txt") if (file := folder / name).exists()]
     if old and not overwrite:
         raise RenderError(
-            f"{folder}: contains truth already, {len(old)} files such as {old[0].name}; add "
-            "--overwrite to replace them, or write elsewhere"
+            f"{folder}: has ground truth already, {len(old)} files such as {old[0].name}; add "
+            "--overwrite to replace them, or choose another folder"
         )
     # camera.json first: it is written last, and marks the truth as complete.
     for file in sorted(old, key=lambda file: file.name != "camera.json"):

@@ -69,7 +69,7 @@ class Manifest:
             where = int(np.argmin(steps)) if len(steps) else 0
             raise SequenceError(
                 f"t_s: found {list(self.t_s[where : where + 2])} at frame {where}, expected at "
-                "least two times, strictly increasing"
+                "least two strictly increasing times"
             )
         if not self.white_level > 0:
             raise SequenceError(f"white_level: found {self.white_level}, expected above 0")

@@ -80,7 +80,7 @@ class Noise:
         noise = f"log noise {self.log_noise:.2g} per pixel (rms)"
         fired = (
             f"an ideal pixel with a contrast threshold of {self.contrast_threshold:g} fires "
-            f"{self.events_hz:.3g} events a second"
+            f"{self.events_hz:.3g} events per second"
         )
         if not self.averages_out:
             of_mean_hz = self.events_hz - self.false_events_hz
@@ -91,8 +91,8 @@ class Noise:
             )
         false = f"{self.false_events_hz:.2g} ± {self.false_events_error_hz:.1g}"
         return (
-            f"{noise}; {fired}, of which {false} are false: "
-            f"not there with {REPEATS} times the samples"
+            f"{noise}; {fired}, of which {false} are false, "
+            f"as they are absent with {REPEATS} times the samples"
         )
 
 

@@ -157,8 +157,8 @@ def clip_in_progress(
     out_dir = Path(out_dir)
     if clip.t_window_end_s > renderer.scene.duration_s:
         raise RenderError(
-            f"Clip {clip.index}: ends at {clip.t_window_end_s:g} s, after the end of "
-            f"{renderer.scene.path_name}, {renderer.scene.duration_s:g} s"
+            f"Clip {clip.index}: ends at {clip.t_window_end_s:g} s, but "
+            f"{renderer.scene.path_name} ends at {renderer.scene.duration_s:g} s"
         )
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     if clip.t_anchor_s is not None:

@@ -199,7 +199,7 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         inside = sorted(file.parent for file in folder.glob("*/manifest.json"))
         if inside:
             raise SequenceError(
-                f"{folder}: found a folder of {len(inside)} sequences; give a sequence, such as "
+                f"{folder}: found a folder of {len(inside)} sequences; give one sequence, such as "
                 f"{inside[0]}"
             )
         if any(file.suffix.lower() in _IMAGES for file in folder.glob("*.*")):
@@ -212,11 +212,11 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     missing = [file for file in frames if not file.is_file()]
     if missing:
         raise SequenceError(
-            f"{missing[0]}: missing, with {len(missing)} of {len(frames)} frames; render again to "
-            "make them"
+            f"{missing[0]}: missing (frames missing: {len(missing)} of {len(frames)}); render the "
+            "sequence again"
         )
     if not manifest.complete:
-        raise SequenceError(f"{folder}: the render is unfinished; render again to finish it")
+        raise SequenceError(f"{folder}: the render is unfinished; run it again to finish it")
     checksums = read_sums(folder)
     without = [i for i in range(len(frames)) if _frame_name(i) not in checksums]
     if without:
@@ -242,13 +242,13 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
         trajectory = Trajectory(*controls, manifest.t_offset_us)
     if not np.array_equal(t_s, manifest.t_s):
         raise SequenceError(
-            f"{poses_file}: the times of its {len(t_s)} poses differ from those of the "
+            f"{poses_file}: its {len(t_s)} poses have other times than the "
             f"{len(manifest.t_s)} frames in manifest.json"
         )
     if t_s[-1] > trajectory.duration_s + 1e-9 or not np.allclose(
         trajectory.pose(t_s), T_world_cam, rtol=0, atol=1e-9
     ):
-        raise SequenceError(f"{path_file}: the path does not pass through {poses_file}")
+        raise SequenceError(f"{path_file}: the path misses the poses of {poses_file}")
     return T_world_cam, trajectory
 
 
@@ -314,8 +314,8 @@ class SequenceWriter:
                 continue
             change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
             raise RenderError(
-                f"{self.folder}: found a sequence with {change}; remove the folder, or render "
-                "elsewhere"
+                f"{self.folder}: found a sequence with {change}; remove the folder, or choose "
+                "another"
             )
 
     def file(self, i: int) -> Path:
@@ -385,7 +385,7 @@ def _read_frame(
         )
     if not intact:
         raise SequenceError(
-            f"{path}: has changed since it was rendered, by its SHA-256 in {FILE_NAME}; remove it "
-            "and render again"
+            f"{path}: has changed since it was rendered (its SHA-256 differs from {FILE_NAME}); "
+            "remove it and render again"
         )
     return radiance

@@ -75,7 +75,8 @@ def clear_unfinished(folder: Path, name: str | None = None) -> None:
             continue
         except (OSError, ImportError):
             pass
-        _log.warning("%s: left by process %s on %s; remove it if that ended", new, process, machine)
+        left = "%s: left by process %s on %s; remove it if that process has ended"
+        _log.warning(left, new, process, machine)
 
 
 def remove_unfinished(folder: Path) -> None:

@@ -161,7 +161,7 @@ def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -
     if not layers:
         raise RenderError(
             f"{path}: found channels {', '.join(names)}, expected Y, or R, G and B, with one value "
-            "a pixel"
+            "per pixel"
         )
     if wanted is not None:
         choices = [[layer for layer in layers if layer.name == wanted]]
@@ -172,7 +172,7 @@ def find_layer(path: Path, wanted: str | None = None, *, intact: bool = False) -
         if len(choice) == 1:
             return choice[0]
     listed = ", ".join(layer.name or "(none)" for layer in layers)
-    what = "name one of them with --layer" if wanted is None else f"none is {wanted!r} (--layer)"
+    what = "choose one with --layer" if wanted is None else f"none is {wanted!r} (--layer)"
     raise RenderError(f"{path}: found layers {listed}; {what}")
 
 
@@ -208,7 +208,7 @@ def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArra
     if not start.any() and image.shape == (size[1], size[0]):
         return image
     if math.prod(size.tolist()) > _FREE_PIXELS + _MAX_GROWTH * image.size:
-        raise ValueError("a display window far larger than its data window")
+        raise ValueError("the display window is far larger than the data window")
     shown = np.zeros((size[1], size[0]), np.float32)
     low = np.clip(start, 0, size)
     high = np.clip(start + image.shape[::-1], low, size)

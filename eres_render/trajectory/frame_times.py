@@ -420,8 +420,8 @@ def paced_times(
 def _too_fast(moved_px: float, within_s: float, t_s: float) -> RenderError:
     return RenderError(
         f"path: the image moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, but frames "
-        f"must be at least {_MIN_STEP_S:g} s apart; are the times of the poses in seconds? Objects "
-        "count too, also out of view"
+        f"must be at least {_MIN_STEP_S:g} s apart; are the times of the poses in seconds? Moving "
+        "objects count too, even out of view"
     )
 
 
@@ -443,8 +443,8 @@ def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
     """
     if max_displacement_px > _FAR_APART_PX:
         _log.warning(
-            "%s: the image moves up to %g px from frame to frame, above %g px: motion that turns "
-            "back between two frames causes no events; at 2 px a fifth of the events is lost",
+            "%s: the image moves up to %g px from frame to frame, above %g px: motion that "
+            "reverses between two frames causes no events; at 2 px a fifth of the events is lost",
             what,
             max_displacement_px,
             _FAR_APART_PX,

@@ -59,7 +59,7 @@ def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float6
     if not np.linalg.norm(x) > 1e-6 * np.linalg.norm(z) * np.linalg.norm(up):
         raise TrajectoryError(
             f"target_m: found {np.asarray(target_m).tolist()}, expected a point away from the "
-            f"camera, {np.asarray(position_m).tolist()}, neither straight up nor down"
+            f"camera, {np.asarray(position_m).tolist()}, and not straight above or below it"
         )
     z, x = z / np.linalg.norm(z), x / np.linalg.norm(x)
     T = np.eye(4)
@@ -133,7 +133,7 @@ def random_path(
     if not duration_s / knot_interval_s <= _MAX_SEGMENTS:
         raise TrajectoryError(
             f"knot_interval_s: found {knot_interval_s:g} s in a path of {duration_s:g} s, expected "
-            f"at least {1.01 * duration_s / _MAX_SEGMENTS:.3g} s: {_MAX_SEGMENTS} segments"
+            f"at least {1.01 * duration_s / _MAX_SEGMENTS:.3g} s (limit: {_MAX_SEGMENTS} segments)"
         )
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
@@ -145,7 +145,7 @@ def random_path(
     knots_s = knot_interval_s * np.arange(-1.0, n - 1)
     unscaled_mps = Trajectory(knots_s, controls).mean_speed_mps(duration_s)
     if not unscaled_mps > 0:
-        raise TrajectoryError(f"sway: found {sway}, which leaves the camera where it is")
+        raise TrajectoryError(f"sway: found {sway}, expected a vector that moves the camera")
     scale = mean_speed_mps / unscaled_mps
     controls[:, :3, 3] = home[:3, 3] + scale * (controls[:, :3, 3] - home[:3, 3])
     return Trajectory(knots_s, controls)
@@ -228,7 +228,7 @@ def waypoint_loop(
         if len(poses) > _MAX_SEGMENTS:
             raise TrajectoryError(
                 f"duration_s: found {duration_s:g} s at {mean_speed_mps:g} m/s, expected at most "
-                f"{duration_s * chord_m[-1] / length_m:.3g} s: {_MAX_SEGMENTS} waypoints"
+                f"{duration_s * chord_m[-1] / length_m:.3g} s (limit: {_MAX_SEGMENTS} waypoints)"
             )
         T = waypoints[len(poses) % len(waypoints)].copy()
         offset, turn = rng.uniform(-1.0, 1.0, (2, 3))
@@ -238,8 +238,8 @@ def waypoint_loop(
             chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
             if not chord_m[-1] > chord_m[-2]:
                 raise TrajectoryError(
-                    f"waypoints[{len(poses) % len(waypoints)}]: found the position of the waypoint "
-                    f"before it, {T[:3, 3].tolist()}, expected another position"
+                    f"waypoints[{len(poses) % len(waypoints)}]: has the same position as the "
+                    f"previous waypoint, {T[:3, 3].tolist()}"
                 )
         poses.append(T)
     try:

@@ -97,7 +97,7 @@ class Trajectory:
         if knots.shape != shape[:1] or not np.all(np.diff(knots) > 0) or knots[1] != 0:
             raise TrajectoryError(
                 f"Trajectory.knots_s: found shape {knots.shape}, {knots[:3].tolist()}..., expected "
-                f"{shape[0]} increasing times, the second of them 0"
+                f"{shape[0]} increasing times, of which the second is 0"
             )
         _check_rotations("Trajectory.controls", self.controls)
 
@@ -212,8 +212,8 @@ class Trajectory:
         tolerance_s = 1e-9
         if not np.all((t >= -tolerance_s) & (t <= self.duration_s + tolerance_s)):
             raise TrajectoryError(
-                f"the path lasts from 0 to {self.duration_s:g} s; asked for a time in "
-                f"[{t.min():g}, {t.max():g}] s"
+                f"the path covers 0 to {self.duration_s:g} s; the requested times are "
+                f"{t.min():g} to {t.max():g} s"
             )
         i = np.clip(np.searchsorted(self.knots_s, t, side="right") - 2, 0, len(self.knots_s) - 4)
         return i, *_cumulative_basis(self._extended_s, i, t)
@@ -231,7 +231,7 @@ def check_finite(name: str, values: Float64) -> None:
     if not finite.all():
         k = int(np.argwhere(~finite)[0, 0])
         raise TrajectoryError(
-            f"{name}: found {values[k].tolist()} as number {k}, expected finite numbers"
+            f"{name}: found {values[k].tolist()} at index {k}, expected finite numbers"
         )
 
 
@@ -243,7 +243,7 @@ def _check_rotations(name: str, T: Float64) -> None:
     if not is_rotation.all():
         k = int(np.argmin(is_rotation))
         raise TrajectoryError(
-            f"{name}: found {R[k].tolist()} in number {k}, expected a rotation: orthonormal, with "
+            f"{name}: found {R[k].tolist()} at index {k}, expected a rotation: orthonormal, with "
             "determinant 1"
         )
 

@@ -149,11 +149,11 @@ random_start
                 object.__setattr__(self, FIELDS[name], checked(name, key, value))
         if self.cutoff_follows_light and self.photoreceptor == "v2e":
             raise SensorError(
-                "cutoff_follows_light: found true with the photoreceptor v2e, whose cutoff follows "
-                "the light in its own way"
+                "cutoff_follows_light: must be false with the photoreceptor 'v2e', whose cutoff "
+                "always follows the light"
             )
         if (self.width is None) != (self.height is None):
-            raise SensorError("width, height: found one of them, expected both or none")
+            raise SensorError("width, height: give both or neither")
 
     @property
     def area_um2(self) -> float | None:
@@ -182,9 +182,7 @@ random_start
     def size(self) -> tuple[int, int]:
         """Width and height, px; a camera without a grid raises `SensorError`."""
         if self.width is None or self.height is None:
-            raise SensorError(
-                f"{self.name or 'camera'}: found no width and height, expected a grid"
-            )
+            raise SensorError(f"{self.name or 'camera'}: needs width and height, and has neither")
         return self.width, self.height
 
     def states(self, key: str) -> bool:
@@ -268,8 +266,8 @@ random_start
         lender = find_camera(self.like)
         if not math.isfinite(lender.cutoff_hz) or lender.illuminance_lux is None:
             raise SensorError(
-                f"like: found {self.like!r}, which has no cutoff at an illuminance, expected a "
-                "camera that has, such as 'dvs128'"
+                f"like: the camera {self.like!r} does not have both a cutoff and an illuminance; "
+                "choose another, such as 'dvs128'"
             )
         times = 1.0
         if self.area_um2 is not None and lender.area_um2 is not None:
@@ -318,7 +316,7 @@ random_start
         300.0
         """
         if lux is not None and cutoff_hz is not None:
-            raise SensorError("found both lux and cutoff_hz, expected at most one of them")
+            raise SensorError("give lux or cutoff_hz, not both")
         width, height = self.size
         noise_hz = self.shot_noise_hz
         if lux is not None:
@@ -328,7 +326,7 @@ random_start
             cutoff_hz = self.cutoff_hz if lux is None else self.cutoff_at(lux)
         if self.cutoff_follows_light and math.isinf(cutoff_hz) and not ideal:
             raise SensorError(
-                "cutoff_follows_light: found no cutoff, expected one, or an illuminance"
+                "cutoff_follows_light: needs a cutoff or an illuminance, and has neither"
             )
         follows = self.cutoff_follows_light or self.photoreceptor == "v2e"
         shared = {one.name for one in fields(SensorModel)} & {one.name for one in fields(self)}
@@ -594,7 +592,7 @@ def checked(name: str, key: Key, value: Any) -> Any:
         return value
     if key.kind in ("text", "word"):
         if not isinstance(value, str) or (key.words and value not in key.words):
-            raise refusal(name, value, " or ".join(map(repr, key.words)) or "a text")
+            raise refusal(name, value, " or ".join(map(repr, key.words)) or "a string")
         return value
     expected = f"a number from {key.least:g} to {key.most:g}"
     if key.kind == "integer":

@@ -141,7 +141,7 @@ def read_camera(file: str | Path) -> EventCamera:
     """
     file = Path(file)
     if not file.is_file():
-        raise SensorError(f"{file}: no such camera")
+        raise SensorError(f"{file}: no such file")
     with reading(file, "TOML", SensorError):
         return camera_of(tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent)
 
@@ -172,7 +172,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
     if "threshold" in table and "threshold_off" not in table:
         unit = table["threshold"].get("unit") if isinstance(table["threshold"], dict) else None
         if unit == "%":
-            raise SensorError("threshold: found %, expected threshold_off, too: rise and fall")
+            raise SensorError("threshold: give threshold_off, too: rise and fall in % differ")
         values[FIELDS["threshold_off"]] = None
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():
@@ -194,25 +194,25 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
         return _value(name, key, facts, None), Source("", "given")
     for one in facts:
         if one not in _FACTS:
-            raise SensorError(f"{name}.{one}: unknown, expected {', '.join(_FACTS)}")
+            raise SensorError(f"{name}.{one}: unknown; choose from: {', '.join(_FACTS)}")
     source = facts.get("source")
     if not isinstance(source, str) or not source:
-        raise refusal(f"{name}.source", source, "a text that says where the value is from")
+        raise refusal(f"{name}.source", source, "a string that says where the value comes from")
     kind, unit, interval = facts.get("kind", "published"), facts.get("unit"), facts.get("interval")
     if kind not in KINDS:
         raise refusal(f"{name}.kind", kind, " or ".join(map(repr, KINDS)))
     ends = None
     if interval is not None:
         if key.kind != "number" or not (isinstance(interval, list) and len(interval) == 2):
-            raise refusal(f"{name}.interval", interval, "two numbers, or none")
+            raise refusal(f"{name}.interval", interval, "two numbers, for a numeric key")
         low, high = (_number(f"{name}.interval", key, one, unit) for one in interval)
         if not 0 <= low <= high:
-            raise refusal(f"{name}.interval", interval, "its lower end first")
+            raise refusal(f"{name}.interval", interval, "the lower end first")
         ends = low, high
         if "value" not in facts:
             return None, Source(source, "bound", ends)
     if "value" not in facts:
-        raise SensorError(f"{name}: found neither value nor interval, expected one of them")
+        raise SensorError(f"{name}: needs a value or an interval, and has neither")
     return _value(name, key, facts["value"], unit), Source(source, kind, ends)
 
 
@@ -237,7 +237,7 @@ def _bus_hz(name: str) -> float:
         raise SensorError(f"bus: found {name!r}; {advice}")
     found = find_camera(name).bus_hz
     if math.isinf(found):
-        raise SensorError(f"bus: the bus of {name!r} is unknown, expected a number of Mev/s")
+        raise SensorError(f"bus: the capacity of the bus of {name!r} is unknown; give it in Mev/s")
     return found
 
 
@@ -246,10 +246,10 @@ def _number(name: str, key: Key, value: Any, unit: Any) -> float:
     if unit is None:
         unit = next(iter(key.units))
     if not isinstance(unit, str) or unit not in key.units:
-        raise refusal(f"{name}: unit", unit, " or ".join(map(repr, key.units)))
+        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     number = real(name, value, f"a number of {unit}")
     if number < 0:
-        raise refusal(name, value, f"a number of {unit} of at least 0")
+        raise refusal(name, value, f"a number of {unit}, 0 or more")
     return key.units[unit](number)
 
 

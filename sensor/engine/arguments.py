@@ -33,13 +33,13 @@ _MIN_WHITE, _MAX_WHITE = 1e-296, 1e302  # so that the dark level is one that mod
 def checked_models(models: Sequence[Lit], white: float = 1.0) -> list[SensorModel]:
     """Return the models; `white` is the radiance of white for those that are functions."""
     if not isinstance(models, Iterable) or not (models := list(models)):
-        raise refusal("models", models, "a list of SensorModel, at least one")
+        raise refusal("models", models, "a list of at least one SensorModel")
     values: list[Any] = [m(white) if isinstance(m, FunctionType) else m for m in models]
     for i, model in enumerate(values):
         if not isinstance(model, SensorModel):
             name = f"models[{i}]" if len(values) > 1 else "model"
             raise SensorError(
-                f"{name}: found a {type(model).__name__}, expected a SensorModel, such as "
+                f"{name}: found type {type(model).__name__}, expected a SensorModel, such as "
                 "SensorModel(width=346, height=260)"
             )
     return values
@@ -96,7 +96,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
     """
     if model.height > height or model.width > width:
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px is finer than the frames of "
+            f"the sensor of {model.width}x{model.height} px is finer than the frames of "
             f"{width}x{height} px; render larger frames or choose a smaller sensor"
         )
     # |height - width H / W| < 1 or |width - height W / H| < 1, without a division.
@@ -104,8 +104,8 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px differs in aspect ratio from the frames of "
-            f"{width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
+            f"the sensor of {model.width}x{model.height} px differs in aspect ratio from the "
+            f"frames of {width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
             f"{columns.start}:{columns.stop}], or choose a sensor of {model.width}x{alike} px"
         )
 
@@ -118,7 +118,7 @@ def check_memory(models: list[SensorModel], starts: list[int]) -> None:
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "
             f"{max(m.width for m in models)}x{max(m.height for m in models)} px: the state of the "
-            f"pixels needs {needed / 1e9:.1f} GB, and this machine has {available / 1e9:.1f} GB of "
+            f"pixels needs {needed / 1e9:.1f} GB, but this machine has {available / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
 
@@ -167,8 +167,8 @@ def _white_of(frame: NDArray[np.floating], name: str) -> float:
     if not _MIN_WHITE <= white <= _MAX_WHITE:
         what = f"has a white level of {white:g}" if white > 0 else "is black"
         raise SensorError(
-            f"{name}: None takes the white level of the first frame, from {_MIN_WHITE:g} to "
-            f"{_MAX_WHITE:g}, but that frame {what}; give SensorModel.{name}, or `white` of "
+            f"{name}: None derives it from the first frame's white level, but that frame {what} "
+            f"(expected {_MIN_WHITE:g} to {_MAX_WHITE:g}); give SensorModel.{name}, or `white` of "
             "LiveCamera"
         )
     return white

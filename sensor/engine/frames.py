@@ -29,10 +29,10 @@ def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
     try:
         times = np.asarray(t_s)
     except (TypeError, ValueError) as error:
-        raise refusal("t_s", t_s, "a row of times in seconds") from error
+        raise refusal("t_s", t_s, "a 1-D array of times in seconds") from error
     if times.dtype.kind not in "iuf" or times.ndim != 1 or times.size == 0:
         what = f"{times.dtype} of shape {times.shape}"
-        raise SensorError(f"t_s: found {what}, expected a row of times in seconds, at least one")
+        raise SensorError(f"t_s: found {what}, expected a 1-D array of one or more times in s")
     times = times.astype(np.float64)
     good = np.isfinite(times)
     good[1:] &= times[1:] > times[:-1]
@@ -65,7 +65,7 @@ def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
     wrong = interval_s[~((interval_s > 0) & (interval_s * 1e6 <= MAX_INTERVAL_US))]
     if wrong.size:
         raise SensorError(
-            f"t_s: found {wrong[0]:g} s between two frames{at_speed}, expected above 0 and at most "
+            f"t_s: two frames are {wrong[0]:g} s apart{at_speed}, expected more than 0 and at most "
             f"{MAX_INTERVAL_US * 1e-6:.0f} s"
         )
 
@@ -105,7 +105,7 @@ class FrameReader:
             check_all_read(len(start), 1, count)
             first = start[0]
         else:
-            raise refusal("frames", frames, "an array (F, H, W), or images (H, W) one by one")
+            raise refusal("frames", frames, "an array (F, H, W), or an iterable of images (H, W)")
         self.shape: tuple[int, ...] = first.shape
         self.first = checked_frames(first[None], 0)[0]
         self._room: NDArray[np.floating] = np.empty((0, *self.shape), self.first.dtype)
@@ -131,8 +131,8 @@ class FrameReader:
             checked_frames(frame[None], index + done)
             if frame.shape != self.shape:
                 raise SensorError(
-                    f"frame {index + done}: found shape {frame.shape}, expected {self.shape} like "
-                    "the first frame"
+                    f"frame {index + done}: found shape {frame.shape}, expected {self.shape}, the "
+                    "shape of the first frame"
                 )
             if self._room.dtype == np.float32 and _float_type(frame) is np.float64:
                 room = MEMORY.array(self._room.shape, np.float64)
@@ -164,7 +164,7 @@ def check_all_read(read: int, wanted: int, count: int) -> None:
 def check_end(rest: Iterator[object], count: int) -> None:
     """Refuse an iterable with more frames than times."""
     if next(rest, None) is not None:
-        raise SensorError(f"frames: found more than {count}, the length of t_s")
+        raise SensorError(f"frames: found more than {count} frames for the {count} times of t_s")
 
 
 def checked_frames(chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
@@ -203,7 +203,7 @@ def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
     """Warn if the median interval is above 1 s: the times may not be in seconds."""
     if len(t_s) > 1 and (median_s := float(np.median(np.diff(t_s)))) > _LONG_INTERVAL_S:
         _log.warning(
-            "t_s: the median interval between frames is %.6g s; times are in seconds, not ms or us",
+            "t_s: the median interval between frames is %.6g s; give times in s, not in ms or us",
             median_s,
         )
 

@@ -227,7 +227,7 @@ def light_of(
         f, y, x = np.unravel_index(radiance.argmin(), radiance.shape)
         raise SensorError(
             f"frame {index + f}, pixel x={x} y={y}: found radiance {radiance[f, y, x]:g}, "
-            f"expected at least {MIN_LIGHT:.3g} where dark_level is 0, so that its logarithm "
-            "exists; give dark_level a positive value, or None"
+            f"expected at least {MIN_LIGHT:.3g}, since dark_level is 0 and radiance needs a "
+            "logarithm; set dark_level to a positive value, or to None"
         )
     return light_on_pixels(radiance.reshape(len(chunk), -1), dark)

@@ -61,7 +61,7 @@ def _read_lines(file: BinaryIO) -> list[str]:
         if not line.startswith(b"#"):
             break
         lines.append(line[1:].decode("latin-1").strip())
-    raise EventFormatError(f"byte {file.tell()}: the header breaks off before {_END.decode()}")
+    raise EventFormatError(f"byte {file.tell()}: the header ends without {_END.decode()}")
 
 
 def _header(lines: list[str]) -> Header:
@@ -114,7 +114,7 @@ def _read_packet(
     packet = np.frombuffer(start, _PACKET)[0]
     number, size = int(packet["number"]), int(packet["size"])
     if number < 0 or size <= 0 or packet["capacity"] != number or packet["overflow"] < 0:
-        raise EventFormatError(f"byte {at}: found {start.hex()}, expected a packet")
+        raise EventFormatError(f"byte {at}: found {start.hex()}, expected the header of a packet")
     # A damaged header may name more than memory holds.
     if number * size > os.fstat(file.fileno()).st_size - file.tell():
         raise EventFormatError(f"byte {at}: the file ends within a packet")

@@ -30,8 +30,8 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
             first = part[:0].copy()  # keeps nothing alive
         if (part.width, part.height, part.model) != (first.width, first.height, first.model):
             raise EventFormatError(
-                f"part {k}: found events of {part.width}x{part.height} px, expected "
-                f"{first.width}x{first.height} px and the same SensorModel, as in part 0"
+                f"part {k}: its size, {part.width}x{part.height} px, or its SensorModel differs "
+                f"from part 0 ({first.width}x{first.height} px)"
             )
         if len(part) == 0:
             continue
@@ -98,7 +98,7 @@ def in_order(
             backwards = np.flatnonzero(before_us[1:] < before_us[:-1])
             if len(backwards):
                 raise EventFormatError(
-                    f"{where}: its event {backwards[0]} is earlier than the event before it "
+                    f"{where}: its event {backwards[0]} is earlier than the previous event "
                     "(--sort or sort=True sorts the events)"
                 )
             last_us = int(events.t_us[-1])

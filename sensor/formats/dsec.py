@@ -74,8 +74,8 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             limit_us = _MAX_INDEXED_US if offset_us else _MAX_SPAN_US
             if last_us >= limit_us:
                 raise EventFormatError(
-                    f"DSEC: found {last_us} us after t_offset, expected less than {limit_us} us; "
-                    "split the recording"
+                    f"DSEC: events last until {last_us} us after t_offset, but the limit is "
+                    f"{limit_us} us; split the recording"
                 )
             t = part.t_us - offset_us
             last_ms = last_us // 1000
@@ -114,7 +114,7 @@ def _offset_us(start_us: int, offset_us: int) -> int:
         offset_us = start_us // 1000 * 1000
     if abs(offset_us) >= _MAX_OFFSET_US:
         raise EventFormatError(
-            f"DSEC: the first event is at {start_us} us, expected less than 2^62 us from 0"
+            f"DSEC: the first event is at {start_us} us, expected within 2^62 us of 0"
         )
     return offset_us
 
@@ -160,7 +160,7 @@ def _read_offset_us(file: Any) -> int:
         check_stored(file["t_offset"])
         offset_us = _whole(file["t_offset"][()])
         if abs(offset_us) >= _MAX_OFFSET_US:
-            raise EventFormatError(f"found {offset_us} us, expected less than 2^62 us from 0")
+            raise EventFormatError(f"found {offset_us} us, expected within 2^62 us of 0")
         return offset_us
 
 
@@ -199,7 +199,8 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             part = checked(values, start, offset_us, header)
             if part.t_us[0] < last_us:
                 raise EventFormatError(
-                    f"events/t, entry {start}: found {part.t_us[0]} us after {last_us} us"
+                    f"events/t, entry {start}: its time, {part.t_us[0]} us, is before the previous "
+                    f"time, {last_us} us"
                 )
             last_us = int(part.t_us[-1])
             yield part
@@ -229,7 +230,7 @@ def integers(file: Any, name: str) -> Any:
             raise EventFormatError("missing")
         column = file[name]
         if getattr(column, "ndim", None) != 1 or column.dtype.kind not in "uib":
-            raise EventFormatError(f"found {column}, expected a row of integers")
+            raise EventFormatError(f"found {column}, expected a 1-D data set of integers")
         return column
 
 

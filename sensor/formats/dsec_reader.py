@@ -108,7 +108,7 @@ class DsecReader:
             after_others = index > first or index == 0 or t[index - 1] < t_us
             before_others = index < stop or index == len(self) or t[index] >= t_us
             if is_damaged or not (after_others and before_others):
-                raise EventFormatError(f"events: ms_to_idx does not fit the times, near {ms} ms")
+                raise EventFormatError(f"ms_to_idx: disagrees with events/t near {ms} ms")
             return index
 
     def part(self, first: int, stop: int) -> Events:

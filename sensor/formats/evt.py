@@ -86,8 +86,8 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     width, height = header.size
     if max(width, height) > MAX_SIDE_PX:
         raise EventFormatError(
-            f"{codec.name} has 11 bits for a coordinate: found a sensor of {width}x{height} px, "
-            f"expected at most {MAX_SIDE_PX}x{MAX_SIDE_PX}"
+            f"{codec.name}: the sensor has {width}x{height} px, but coordinates of 11 bits hold at "
+            f"most {MAX_SIDE_PX}x{MAX_SIDE_PX} px"
         )
     lines = [
         f"evt {codec.version}",
@@ -180,7 +180,7 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
         raise EventFormatError(
             f"{codec.name}: found triggers from {first_us} to {last_us} us on channels up to "
             f"{highest}, expected 0 to {MAX_TIME_US - 1} us on channels 0 to {channels - 1}; "
-            "--shift-us moves the clock"
+            "shift the times with --shift-us"
         )
 
 
@@ -193,7 +193,7 @@ def _start_us(first_us: int, t_offset_us: int) -> int:
     """Return `t0`: the start of the clock if the times are too large without it."""
     if abs(t_offset_us) > _MOST:
         raise EventFormatError(
-            f"found a clock that starts at {t_offset_us} us, expected at most 2^62 us from 0"
+            f"the clock starts at {t_offset_us} us, expected within 2^62 us of 0"
         )
     return t_offset_us if first_us >= _MAX_START_US and 0 < t_offset_us <= first_us else 0
 
@@ -220,8 +220,8 @@ def read_version(path: Path) -> str:
         version = _read_raw(file).version
     if version is None:
         raise EventFormatError(
-            f"{path}: the header does not say which version of EVT the file has; expected a line "
-            "'% evt 3.0' or '% format EVT3;...'; or give the format by name (evt2, evt3)"
+            f"{path}: the header does not say which version of EVT the file has (a line '% evt "
+            "3.0' or '% format EVT3;...'); give the format by name, evt2 or evt3"
         )
     return version
 
@@ -235,7 +235,7 @@ def read_header(path: Path, codec: Codec) -> Header:
 def _of_version(raw: _Raw, codec: Codec) -> _Raw:
     if raw.version not in (None, codec.name.lower()):
         raise EventFormatError(
-            f"header: found words of version {raw.version}, expected {codec.name}"
+            f"header: declares version {raw.version}, but the file is read as {codec.name}"
         )
     return raw
 
@@ -250,7 +250,7 @@ def _read_raw(file: BinaryIO) -> _Raw:
             break
         length += len(line)
         if not line.endswith(b"\n") or length > _MAX_HEADER_BYTES:
-            raise EventFormatError(f"byte {length}: the header breaks off within a line")
+            raise EventFormatError(f"byte {length}: the header ends within a line, or is too long")
         with reading(f"byte {length - len(line)}: found {line[:40]!r}, expected a line of text"):
             key, _, value = line[1:].decode("utf-8").strip().partition(" ")
         ended = key == "end"
@@ -259,7 +259,7 @@ def _read_raw(file: BinaryIO) -> _Raw:
         raise EventFormatError("byte 0: found no header, expected lines that start with '%'")
     count = _number(fields, "event_count")
     if count is not None and not ended:
-        raise EventFormatError(f"byte {length}: the header breaks off before '% end'")
+        raise EventFormatError(f"byte {length}: the header ends without '% end'")
     if fields.get("endianness", "little") != "little":
         raise EventFormatError("header, endianness: found big, expected little")
     width, height = _size(fields)
@@ -278,7 +278,7 @@ def _number(fields: dict[str, str], name: str, least: int = 0) -> int | None:
         return None
     whole = re.fullmatch(r"-?\d{1,19}", value, re.ASCII) is not None
     if not whole or not least <= int(value) <= _MOST:
-        raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected a number")
+        raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected {least} to {_MOST}")
     return int(value)
 
 
@@ -290,7 +290,7 @@ def _version(fields: dict[str, str]) -> str | None:
         versions.add(fields["format"].split(";")[0].lower())
     if len(versions) > 1 or not versions <= {"evt2", "evt3"}:
         raise EventFormatError(
-            f"header: found version {' and '.join(sorted(versions))!r}, expected EVT2 or EVT3"
+            f"header: declares {' and '.join(sorted(versions))}, expected one version, EVT2 or EVT3"
         )
     if not versions and (system := system_of(fields)):
         return system.version
@@ -314,7 +314,7 @@ def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
     if {"width", "height"} <= options.keys():
         sizes.add((int(options["width"]), int(options["height"])))
     if len(sizes) > 1:
-        raise EventFormatError(f"header: found two sizes, {sorted(sizes)}, expected one")
+        raise EventFormatError(f"header: declares conflicting sizes: {sorted(sizes)}")
     if not sizes and (system := system_of(fields)):
         return system.width, system.height
     return sizes.pop() if sizes else (None, None)
@@ -363,9 +363,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         )
     _check_count(raw.count, count, "events", offset)
     if skipped := int(state[evt_words.SKIPPED]):
-        _log.warning(
-            "%s: skipped %d events before the first time and row of the stream", path, skipped
-        )
+        _log.warning("%s: skipped %d events that come before the first time and row", path, skipped)
 
 
 def _blocks(file: BinaryIO, offset: int, codec: Codec) -> Iterator[np.ndarray]:
@@ -420,7 +418,7 @@ def _reason(stop: int, state: np.ndarray) -> str:
     return {
         evt_words.BAD_X: f"found x = {value}, outside the sensor",
         evt_words.BAD_Y: f"found y = {value}, outside the sensor",
-        evt_words.BACKWARDS: f"found time {value} us after {last_us} us",
+        evt_words.BACKWARDS: f"its time, {value} us, is before the previous time, {last_us} us",
         evt_words.BAD_WORD: "the format has no word of this type",
-        evt_words.NO_BASE: "found a vector of events before a word with its start",
+        evt_words.NO_BASE: "a vector of events comes before the word that gives its start",
     }[stop]

@@ -47,7 +47,7 @@ def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
             code = process.wait()
             errors.seek(0)
             lines = errors.read().decode("utf-8", "replace").strip().splitlines()
-            reason = lines[-1] if code > 0 and lines else "its decoder ended; the file is damaged"
+            reason = lines[-1] if code > 0 and lines else "its decoder stopped; the file is damaged"
             raise EventFormatError(f"faery cannot read it: {reason}") from None
         finally:
             process.kill()

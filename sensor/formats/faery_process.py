@@ -40,7 +40,7 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
         decoder = faery.es.Decoder(path, 0)
         events = ("dvs", "atis")
     if decoder.event_type not in events:
-        raise ValueError(f"found a file of {decoder.event_type!r}, expected {' or '.join(events)}")
+        raise ValueError(f"the file stores {decoder.event_type!r}, expected {' or '.join(events)}")
     size = None if decoder.dimensions == _UNKNOWN else decoder.dimensions
     stored = _with_stored_times(path, decoder) if kind == "dat" else decoder
     return {"size": size, "others": []}, stored

@@ -77,7 +77,7 @@ class Header:
                 )
             if of_model not in (None, side):
                 raise EventFormatError(
-                    f"sensor_model: its {name} is {of_model} px, but that of the file is {side} px"
+                    f"sensor_model: its {name} is {of_model} px, but the file has {side} px"
                 )
         offset_us = self.t_offset_us
         if not isinstance(offset_us, int | np.integer) or not -(2**63) <= offset_us < 2**63:
@@ -89,7 +89,7 @@ class Header:
             is_value |= isinstance(value, float) and math.isfinite(value)
             if not (isinstance(name, str) and _KEY.fullmatch(name) and is_value):
                 raise EventFormatError(
-                    f"origin: found {name!r}: {value!r}, expected a lower-case name and a string, "
+                    f"origin: found {name!r}: {value!r}, expected a lower-case name with a string, "
                     "an integer or a finite number"
                 )
 
@@ -147,7 +147,7 @@ def model_from_json(text: str) -> SensorModel:
     for name, value in table.items():
         if name not in kinds:
             raise EventFormatError(
-                f"sensor_model.{name}: unknown parameter; a newer version may have written it"
+                f"sensor_model.{name}: unknown; a newer version of eres may have written it"
             )
         allowed = typing.get_args(kinds[name]) or (kinds[name],)
         if value == "inf" and float in allowed:

@@ -141,14 +141,14 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     data = entry.read(count * _COLUMNS[name].itemsize)
                 if len(data) != count * _COLUMNS[name].itemsize:
                     raise EventFormatError(
-                        f"entry {name}: ends after event {done}, expected {length}"
+                        f"entry {name}: ends after event {done}, but should have {length} events"
                     )
                 columns[name] = np.frombuffer(data, _COLUMNS[name])
             with reading(f"events from {done}"):
                 part = Events(**columns, width=width, height=height, model=header.model)
             if part.t_us[0] < last_us:
                 raise EventFormatError(
-                    f"event {done}: found time {part.t_us[0]} us after {last_us} us"
+                    f"event {done}: {part.t_us[0]} us is before the previous time, {last_us} us"
                 )
             last_us = int(part.t_us[-1])
             yield part
@@ -168,6 +168,6 @@ def read_triggers(path: Path) -> Triggers:
             with _opened(archive, name) as (entry, shape, dtype), reading(f"entry {name}"):
                 column = np.frombuffer(entry.read(), dtype)
                 if column.shape != shape:
-                    raise EventFormatError(f"found {len(column)} values, expected {shape}")
+                    raise EventFormatError(f"found {len(column)} values, expected shape {shape}")
             columns.append(column)
     return Triggers(*columns)

@@ -326,7 +326,7 @@ def _noting(parts: Iterable[Events], errors: list[Exception]) -> Iterator[Events
 def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
     """Warn that a format does not store something."""
     if names:
-        _log.warning("%s: %s cannot store %s", path, format.title, ", ".join(names))
+        _log.warning("%s: the format '%s' cannot store %s", path, format.title, ", ".join(names))
 
 
 def read_header(path: str | Path, *, format: str | None = None, topic: str | None = None) -> Header:

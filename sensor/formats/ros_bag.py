@@ -59,7 +59,7 @@ def _chosen(reader: Any, topic: str | None) -> list[Any]:
     names = sorted({connection.topic for connection in connections})
     if topic not in names and (topic is not None or len(names) > 1):
         raise EventFormatError(
-            f"topic: found {topic}, expected one of {', '.join(names)} (topic=, --topic)"
+            f"topic: {topic or 'none'} given; choose from {', '.join(names)} (topic=, --topic)"
         )
     return [connection for connection in connections if topic in (None, connection.topic)]
 
@@ -86,7 +86,9 @@ def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
         height, width, count = struct.unpack_from("<III", data, 16 + named)
         start = 28 + named
         if start + count * _EVENT.itemsize != len(data):
-            raise EventFormatError(f"found {count} of {_EVENT.itemsize} bytes after byte {start}")
+            raise EventFormatError(
+                f"declares {count} times {_EVENT.itemsize} bytes from {start} on"
+            )
         return np.frombuffer(data, _EVENT, count, start), width, height
 
 

@@ -42,8 +42,8 @@ _REASONS = {
     _BAD_X: "x is outside the sensor",
     _BAD_Y: "y is outside the sensor",
     _BAD_P: "expected p to be 0 or 1, or -1 or 1",
-    _MIXED_P: "darker events have both 0 and -1 as p, expected only one of the two",
-    _BACKWARDS: "the time is earlier than the one before it (--sort or sort=True sorts the events)",
+    _MIXED_P: "OFF events have p = 0 in some lines and p = -1 in others; use the same p in all",
+    _BACKWARDS: "the time is earlier than the previous time (--sort or sort=True sorts the events)",
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
@@ -292,7 +292,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             if len(part) and max(-int(part.t_us[0]), int(part.t_us[-1])) >= _MAX_SECONDS * 10**6:
                 raise EventFormatError(
                     f"text: found times from {part.t_us[0]} to {part.t_us[-1]} us, expected less "
-                    f"than {_MAX_SECONDS} s"
+                    f"than {_MAX_SECONDS} s from 0"
                 )
             out = np.empty(_LINE_BYTES * len(part), np.uint8)
             used = _format_lines(part.columns, out)
@@ -335,7 +335,7 @@ def _read_start(path: Path) -> _Start:
             elif short and len(words) == 2 and all(word.isdigit() for word in words):
                 sides = int(words[0]), int(words[1])
                 if size not in ((None, None), sides):
-                    raise EventFormatError(f"byte {length}: found a second size, {line!r}")
+                    raise EventFormatError(f"byte {length}: found another size, {line!r}")
                 size = sides
             elif line[:1] not in (b"#", b"%") or not whole:
                 if length > first or len(words) == 4:  # the parser reports a bad event
@@ -379,8 +379,8 @@ def _power(path: Path, start: _Start, time_unit: str | None) -> int:
     unit = time_unit or start.time_unit
     if unit is None and (whole := _whole_times(path, start)):
         raise EventFormatError(
-            f"byte {start.length}: found whole times, {', '.join(whole[:3])}, which may be seconds "
-            "or microseconds; give their unit (time_unit='us', --time-unit us)"
+            f"byte {start.length}: the times, {', '.join(whole[:3])}, are whole numbers, and may "
+            "be seconds or microseconds; give their unit (time_unit='us', --time-unit us)"
         )
     return TIME_UNITS[unit or "s"]
 
@@ -440,8 +440,8 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
                 data += b"\n"  # the last line may lack it
                 if start.order[-1] != _COLUMNS.index("p"):  # p has one digit
                     _log.warning(
-                        "%s: the last line does not end; if the file is truncated, the last event "
-                        "has a wrong %s",
+                        "%s: the last line has no line end; if the file is truncated, the last "
+                        "event has a wrong %s",
                         path,
                         {"t": "time"}.get(_COLUMNS[start.order[-1]], "pixel"),
                     )

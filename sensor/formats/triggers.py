@@ -85,7 +85,7 @@ class Triggers:
         channels = np.unique(self.channel).tolist()
         if channel not in channels and (channel is not None or len(channels) > 1):
             listed = ", ".join(map(str, channels)) or "none"
-            what = "choose one of them" if channel is None else f"none on {channel}"
+            what = "choose a channel" if channel is None else f"there are none on {channel}"
             raise EventError(f"triggers: found edges on channel {listed}; {what}")
         mine = True if channel is None else self.channel == channel
         return self.t_us[(self.p > 0) & mine]

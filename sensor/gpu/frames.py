@@ -82,7 +82,7 @@ class DeviceReader:
             if frame.shape != self.shape or frame.dtype != self.first.dtype:
                 raise SensorError(
                     f"frame {done + read}: found {frame.dtype} of shape {frame.shape}, expected "
-                    f"{self.first.dtype} of {self.shape} like the first frame"
+                    f"{self.first.dtype} of shape {self.shape}, like the first frame"
                 )
             room[read].copy_to_device(frame)
             read += 1
@@ -105,8 +105,8 @@ def _checked(frames: object, index: int, ndim: int) -> DeviceArray:
     """Return frames on the GPU with `ndim` dimensions and contiguous rows."""
     if not _on_gpu(frames):
         raise SensorError(
-            f"frame {index}: found a {type(frames).__name__}, expected an array on the GPU like "
-            "the first frame"
+            f"frame {index}: found type {type(frames).__name__}, expected an array on the GPU, "
+            "like the first frame"
         )
     array = cuda.as_cuda_array(frames)
     shape = "(T, H, W)" if ndim == 3 else "(H, W)"

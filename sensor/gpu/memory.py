@@ -95,8 +95,8 @@ def _enough_memory(size: int) -> Iterator[None]:
             raise
         free, whole = cuda.current_context().get_memory_info()
         raise SensorError(
-            f"device: the GPU has too little memory: {size / 1e9:.1f} GB do not fit into "
-            f"{free / 1e9:.1f} free of {whole / 1e9:.1f} GB; choose smaller sensors or frames"
+            f"device: the GPU has too little memory: {size / 1e9:.1f} GB are needed, but only "
+            f"{free / 1e9:.1f} of {whole / 1e9:.1f} GB are free; choose smaller sensors or frames"
         ) from error
 
 

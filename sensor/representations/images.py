@@ -87,8 +87,8 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     for event_us in map(int, events.t_us[[0, -1]] if len(events) else ()):
         if not 0 <= t_us - event_us < 1 << 63:
             raise EventError(
-                f"time_surface: found an event at {event_us} us, expected none after t_us = {t_us} "
-                "or 2^63 us before it; `Events.between` selects a window"
+                f"time_surface: the event at {event_us} us is after t_us = {t_us}, or 2^63 us or "
+                "more before it; select a window with `Events.between`"
             )
     surface = np.zeros((2, events.height, events.width), np.float32)
     if len(events):  # without, any time will do, also one beyond int64

@@ -86,7 +86,7 @@ def voxel_grid(
         return grid
     duration_us = int(events.t_us[-1]) - int(events.t_us[0])
     if duration_us > np.iinfo(np.int64).max:
-        raise EventError(f"voxel_grid: found events of {duration_us} us, expected at most 2^63 - 1")
+        raise EventError(f"voxel_grid: events span {duration_us} us, expected at most 2^63 - 1")
     if convention == "eraft" and duration_us == 0:
         return grid
     bins_per_us = (bins - 1) / max(duration_us, 1)

@@ -45,7 +45,7 @@ def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.in
         first = ", ".join(f"{edge}" for edge in edges.ravel()[:4])
         raise EventError(
             f"IntervalHistogram: found {edges.size} edges_us of {edges.dtype}, {first}…, expected "
-            "two or more integers, strictly ascending from 0 on and below 2^28 us"
+            "two or more strictly increasing integers from 0 to 2^28 - 1 us"
         )
     return edges.astype(np.int64)
 
@@ -104,7 +104,7 @@ class IntervalHistogram:
     ) -> None:
         self.edges_us = _checked_edges(edges_us)
         if len(window_us) != 2:
-            raise EventError(f"IntervalHistogram: found window_us = {window_us}, expected a pair")
+            raise EventError(f"IntervalHistogram: found {window_us=}, expected (start, end)")
         # Limited to int64, which holds the times of all events.
         start_us, end_us = (
             min(max(whole_us("IntervalHistogram", "window_us", t_us), _NEVER), -_NEVER - 1)
@@ -114,7 +114,7 @@ class IntervalHistogram:
         for name, value in (("width", width), ("height", height), ("every_row", every_row)):
             if not isinstance(value, int | np.integer) or value < 1:
                 raise EventError(
-                    f"IntervalHistogram: found {name} = {value!r}, expected an integer from 1 on"
+                    f"IntervalHistogram: found {name} = {value!r}, expected a positive integer"
                 )
         self._slot_of = np.full(height, -1)
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
@@ -151,8 +151,8 @@ class IntervalHistogram:
         if first_us < self._end_us or last_us - self._start_us >= 1 << 63:
             raise EventError(
                 f"IntervalHistogram.add: found events from {first_us} to {last_us} us after events "
-                f"from {self._start_us} to {self._end_us} us, expected parts in order, all within "
-                "less than 2^63 us"
+                f"from {self._start_us} to {self._end_us} us; add parts in order of time, all "
+                "within less than 2^63 us"
             )
         self._end_us = last_us
         slot_of, bin_of = self._slot_of, self._bin_of

@@ -203,8 +203,8 @@ def fit_power_law(
         raise SensorError(f"sizes: found {sizes}, expected at least 2 positive numbers that differ")
     if len(blocks) < 2 or weights.shape != (len(blocks),) or not np.all(np.isfinite(blocks)):
         raise SensorError(
-            f"blocks: found {len(blocks)} with weights of shape {weights.shape}, expected at least "
-            "2 of finite values, and a weight for each"
+            f"blocks: found {len(blocks)} blocks with weights of shape {weights.shape}, expected "
+            "at least 2 blocks of finite values, with one weight per block"
         )
     log_size = np.log(sizes.astype(np.float64))
     centered = log_size - log_size.mean()

@@ -132,10 +132,9 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_lenses_and_oblon
     expected = seen_m(camera, T, camera.centers())[:, 0]
     found = np.array(frame.split(), float) - 5
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.01 * T[2, 3] / camera.fx)
-    assert refused.startswith(
-        "camera: found fx = 20.0 and fy = 21.0, and scalar_rgb renders square"
-    )
-    assert "found a lens, Distortion(k1=-0.1, " in refused_lens
+    assert refused.startswith("camera: scalar_rgb renders only square pixels")
+    assert "fx = 20.0, fy = 21.0, " in refused
+    assert "distortion = Distortion(k1=-0.1, " in refused_lens
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["plane", "room"])
@@ -204,7 +203,7 @@ def test_a_sequence_keeps_its_camera(small_carpet, tmp_path):
     file = sequence.folder / "manifest.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"fov_rad": 1.0}))
     with pytest.raises(
-        SequenceError, match=r"manifest\.json: Camera.fx: found 130.0, expected 117.15"
+        SequenceError, match=r"manifest\.json: Camera.fx: 130.0 contradicts .*117.15"
     ):
         open_sequence(sequence.folder)
 
@@ -218,12 +217,12 @@ def test_a_view_that_leaves_the_plane_is_refused(small_carpet):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({}, "neither fov_rad nor fx"),
-        ({"fov_rad": 1.0, "fx": 8.0}, r"Camera.fx: found 8.0, expected 9\.15.* for fov_rad = 1.0"),
-        ({"fx": 0.0}, r"Camera.fx: found 0.0, expected \(0, inf\)"),
-        ({"fx": 9.0, "fy": np.inf}, r"Camera.fy: found inf, expected \(0, inf\)"),
-        ({"fx": 9.0, "cx": np.nan}, r"Camera.cx: found nan, expected \(-inf, inf\)"),
-        ({"fov_rad": 3.2}, r"Camera.fov_rad: .* 3.2 rad, expected \(0, pi\)"),
+        ({}, "needs fov_rad or fx"),
+        ({"fov_rad": 1.0, "fx": 8.0}, r"Camera.fx: 8.0 contradicts fov_rad = 1.0 .*9\.15"),
+        ({"fx": 0.0}, r"Camera.fx: found 0.0, not in \(0, inf\)"),
+        ({"fx": 9.0, "fy": np.inf}, r"Camera.fy: found inf, not in \(0, inf\)"),
+        ({"fx": 9.0, "cx": np.nan}, r"Camera.cx: found nan, not in \(-inf, inf\)"),
+        ({"fov_rad": 3.2}, r"Camera.fov_rad: .* 3.2 rad is not in \(0, pi\)"),
     ],
 )
 def test_cameras_that_cannot_be_are_refused(values, message):

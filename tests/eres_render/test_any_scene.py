@@ -127,7 +127,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         (['<sensor type="thinlens"/>'], r"mine\.xml: camera: found type 'thinlens'"),
         (
             ['<sensor type="perspective"><float name="fov" value="wide"/></sensor>'],
-            r"mine\.xml: camera: fov: found 'wide', expected \(0, 180\) degrees",
+            r"mine\.xml: camera: fov: found 'wide', expected between 0 and 180 degrees",
         ),
         (
             [CAMERA, '<shape type="ply"><string name="filename" value="ship.ply"/></shape>'],
@@ -144,7 +144,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         ([CAMERA, '<include filename="rest.xml"/>'], r"names 'rest\.xml', but .* is missing"),
         (
             [CAMERA, '<include filename="$rest"/>'],
-            r"includes '\$rest', a parameter without a value",
+            r"includes '\$rest', whose parameter",
         ),
         ([CAMERA, '<include filename="mine.xml"/>'], r"includes .*mine\.xml, which includes it"),
         ([CAMERA, "<shape"], r"mine\.xml: could not be read as XML"),
@@ -158,8 +158,14 @@ def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
 @pytest.mark.parametrize(
     ("inner", "message"),
     [
-        ('<float name="fov" value="200"/>', r"fov: found '200', expected \(0, 180\) degrees"),
-        ('<float name="fov" value="nan"/>', r"fov: found 'nan', expected \(0, 180\) degrees"),
+        (
+            '<float name="fov" value="200"/>',
+            r"fov: found '200', expected between 0 and 180 degrees",
+        ),
+        (
+            '<float name="fov" value="nan"/>',
+            r"fov: found 'nan', expected between 0 and 180 degrees",
+        ),
         (
             '<string name="focal_length" value="0mm"/>',
             "focal_length: found '0', expected a positive number of mm",
@@ -200,10 +206,10 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     with pytest.raises(SceneError, match=r"nowhere\.txt: no such file, expected a camera path"):
         load_scene(xml, tmp_path / "nowhere.txt")
     file = write_poses(tmp_path, [(3, 0, 0)] * 3, T_S)
-    with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: the path has length 0"):
         load_scene(xml, file).trajectory()
     file = write_poses(tmp_path, [(3, 0.1, 2.7)] * 9, np.arange(9.0))  # rounded by the spline
-    with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: the path has length 0"):
         load_scene(xml, file).trajectory()
     file.write_text(file.read_text().splitlines()[1])
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found 1 times and poses"):
@@ -276,7 +282,7 @@ def test_a_principal_point_that_is_left_out_is_said(tmp_path, caplog):
     load_scene(write_scene(tmp_path, camera.format("0.0"), BALL, SKY))
     assert not caplog.text
     load_scene(write_scene(tmp_path, camera.format("0.2"), BALL, SKY))
-    assert "principal_point_offset_x is left out" in caplog.text
+    assert "principal_point_offset_x is ignored" in caplog.text
 
 
 def lit_floor(radiance):
@@ -306,7 +312,7 @@ def test_paths_of_days_are_refused_before_their_frame_times_are_sought(tmp_path)
     """Promise: times in microseconds do not start a search of hours."""
     poses = write_poses(tmp_path, [(3, 0, 0), (2, 2, 0.1), (0, 3, 0)], (0, 100_000, 200_000))
     scene = load_scene(write_scene(tmp_path, CAMERA, BALL, SKY), poses)
-    with pytest.raises(RenderError, match=r"found 200000 s of path, .* poses in seconds\?"):
+    with pytest.raises(RenderError, match=r"path of 200000 s .* poses in seconds\?"):
         continuous_stretch(scene)
 
 

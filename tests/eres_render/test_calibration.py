@@ -85,7 +85,7 @@ def test_the_same_camera_from_every_program(tmp_path, text):
 def test_a_camera_of_a_chain_is_named(tmp_path):
     file = written(tmp_path, CHAIN)
     assert same(read_camera(file, "cam0"), CAMERA)
-    with pytest.raises(RenderError, match=r"found cam0, cam1, expected the name of one of them"):
+    with pytest.raises(RenderError, match=r"found cam0, cam1, expected a choice"):
         read_camera(file)
     with pytest.raises(RenderError, match=r"found cam0, cam1, expected 'cam2'"):
         read_camera(file, "cam2")
@@ -136,7 +136,7 @@ def test_kalibr_has_no_k3(tmp_path):
         (CHAIN, "pinhole", "omni", "cam0.camera_model: found 'omni', expected pinhole"),
         (CHAIN, ", 1e-5]", "]", r"cam0.distortion_coeffs: found \[.*\], expected 4 numbers"),
         (CHAIN, "[752, 480]", "752", "cam0.resolution: found 752, expected width and height"),
-        (CHAIN, "461.629", "-461", r"cam0: Camera.fx: found -461.0, expected \(0, inf\)"),
+        (CHAIN, "461.629", "-461", r"cam0: Camera.fx: found -461.0, not in \(0, inf\)"),
         (CHAIN, "-0.27695497", "-2.7", r"cam0: Camera.distortion: .* folds the image"),
         (OPENCV, "1e-05, 0. ]", "1e-05, 0., 0.1, 0, 0. ]", "expected zeros after k1, k2, p1, p2"),
         (OPENCV, "8.7538e-04, 1e-05, 0.", "0.", r"coefficients.data: found .*, expected 4 or 5"),
@@ -145,7 +145,7 @@ def test_kalibr_has_no_k3(tmp_path):
         (OPENCV, "02, 0., 362", "02, 0.1, 362", r"camera_matrix: found .*, expected \[\[fx, 0"),
         (OPENCV, "4.61629e+02", "many", r"camera_matrix.data: found .*, expected 9 numbers"),
         (OPENCV, "avg_", "distortion_model: equidistant\navg_", "found 'equidistant', expected pl"),
-        (OPENCV, "avg_", "fisheye_model: 1\navg_", "fisheye_model: found 1, expected none"),
+        (OPENCV, "avg_", "fisheye_model: 1\navg_", "fisheye_model: found 1"),
         (OPENCV, "camera_matrix", "K", "found neither camera_matrix nor cam0"),
         (OPENCV, "data: [", "data: {", "could not be read as YAML: while parsing"),
         (OPENCV, "!!opencv-matrix", "!!python/object:os.system", "as YAML: could not determine"),

@@ -118,7 +118,7 @@ def test_a_loop_has_an_end(monkeypatch):
 
 
 def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(TrajectoryError, match=r"waypoints\[1\]: found the position of the way"):
+    with pytest.raises(TrajectoryError, match=r"waypoints\[1\]: has the same position"):
         waypoint_loop(
             np.array([CORNERS[0]] * 2),
             duration_s=1.0,
@@ -158,7 +158,7 @@ def test_each_wrong_field_of_a_path_is_named(tmp_path, old, new, message):
                 ("[0.0, 1.0, 1.6]", "[1.0, 0.0, 1.5]"),
                 ("sway_m = [0.05, 0.05, 0.05]", "sway_m = [0.0, 0.0, 0.0]"),
             ],
-            r"waypoints\[1\]: found the position of .*, \[1\.0, 0\.0, 1\.5\], exp",
+            r"waypoints\[1\]: has the same position .*, \[1\.0, 0\.0, 1\.5\]",
         ),
         (
             [
@@ -308,7 +308,7 @@ def test_a_clip_beyond_the_checked_path_is_refused(room, tmp_path):
     renderer = Renderer(room, 16, 1)
     end_s = room.duration_s
     assert renderer.trajectory.duration_s > end_s
-    with pytest.raises(RenderError, match=r"Clip 0: ends at 10\.\d+ s, after the end of"):
+    with pytest.raises(RenderError, match=r"Clip 0: ends at 10\.\d+ s, but .* ends at"):
         render_clip(renderer, Clip(0, 0.1, 0.2, end_s + 0.1), tmp_path / "clip", 0.5)
     assert not (tmp_path / "clip").exists()
 

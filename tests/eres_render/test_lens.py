@@ -86,7 +86,7 @@ def test_a_lens_that_folds_the_image_is_refused():
     """Analytic: at f = 500 the image of r - r^3 / 2 ends 500 * sqrt(2 / 3) * 2 / 3 = 272.2 px from
     the axis, and the corner is 734.3 px away."""
     message = (
-        r"Camera.distortion: Distortion\(k1=-0.5, .*\) folds the image 272.2 px from .* 734.3 px"
+        r"Camera.distortion: Distortion\(k1=-0.5, .*\) folds the image .* 272.2 px .* 734.3 px"
     )
     with pytest.raises(RenderError, match=message):
         Camera(1280, 720, fx=500.0, distortion=Distortion(k1=-0.5))

@@ -169,5 +169,5 @@ def test_truth_has_the_lens_and_no_homography(small_carpet):
     )
     assert truth.camera(48).distortion == LENS
     assert truth.camera(30, 30).distortion == LENS
-    with pytest.raises(SceneError, match=r"a homography needs a pinhole, but .* has Dist"):
+    with pytest.raises(SceneError, match=r"a homography needs a pinhole camera, but .* has Dist"):
         truth.homography(1.0, 1.1, 96)

@@ -144,7 +144,7 @@ def test_an_image_larger_than_memory_is_refused_at_once(
     )
     assert code == 1
     assert "resolution: found 200000x200000 px at " in err
-    assert f"need {needed} of memory, and this machine has 64.0 GB; choose a lower" in err
+    assert f"need {needed} of memory, but this machine has 64.0 GB; choose a lower" in err
     assert err.count("\n") == 1
     assert not out.exists()
 

@@ -176,7 +176,7 @@ def test_light_of_rare_paths_has_no_figure_of_false_events():
     assert "7 with 64 times the samples: how many are false is unknown" in rare.describe()
     even = Noise(one, 0.2, 5.0, 2.0, 0.5, one / 4)
     assert even.averages_out
-    assert "5 events a second, of which 2 ± 0.5 are false" in even.describe()
+    assert "5 events per second, of which 2 ± 0.5 are false" in even.describe()
 
 
 @pytest.mark.parametrize(("width", "samples"), [(48, 3), (320, 19)])
@@ -241,7 +241,7 @@ def test_a_path_traced_render_warns_with_numbers(tmp_path, shiny_room, caplog):
     (warning,) = (r.getMessage() for r in said if r.levelno == logging.WARNING)
     assert "path-traced at 4 spp: log noise 0." in warning
     assert "with a contrast threshold of 0.2 fires" in warning
-    assert "are false: not there with 64 times the samples" in warning
+    assert "are false, as they are absent with 64 times the samples" in warning
 
 
 def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog):

@@ -59,7 +59,7 @@ def test_wrong_settings_are_refused_by_field(scene_folder, old, new, message):
 @pytest.mark.parametrize("t_s", [(0.1, 1.5), (-0.5, 0.9)])
 def test_a_path_must_cover_the_cameras(scene_folder, t_s):
     write_path(scene_folder / "ball.txt", t_s, moved(), moved(0.1))
-    with pytest.raises(TrajectoryError, match=r"ball\.txt: .*object 'ball' lasts from"):
+    with pytest.raises(TrajectoryError, match=r"ball\.txt: .*object 'ball' covers"):
         load_scene(scene_folder).objects(0, 1.0)
 
 
@@ -90,7 +90,7 @@ def test_nothing_moves_is_refused(scene_folder):
     toml = (scene_folder / "scene.toml").read_text()
     assert load_scene(scene_folder).trajectory().duration_s == 1.0
     (scene_folder / "scene.toml").write_text(toml.replace(BALL.strip(), ""))
-    with pytest.raises(TrajectoryError, match="expected a camera or an object that moves"):
+    with pytest.raises(TrajectoryError, match="the path has length 0"):
         load_scene(scene_folder).trajectory()
 
 
@@ -180,7 +180,7 @@ def test_objects_need_a_time_and_path_tracing(scene_folder):
     scene = load_scene(scene_folder)
     renderer = Renderer(scene, 16, 1)
     assert renderer.integrator == "path"
-    with pytest.raises(RenderError, match="found no t_s"):
+    with pytest.raises(RenderError, match="t_s: found None"):
         renderer.frame(moved(z=3.0) @ DOWN)
     for integrator in ("baked", "baked-full"):
         with pytest.raises(SceneError, match=r"moving objects \(ball\).*--integrator path"):

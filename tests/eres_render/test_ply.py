@@ -53,7 +53,7 @@ def test_faces_have_vertices_that_are_there(tmp_path, kind, count_type):
     for faces in ([(0, 1, 2), (0, 2, 3)], [(0, 1, 2, 3)], [(0, 1, 2), (0, 1, 2, 3), (0, 2, 3)], []):
         check_faces(write_ply(file, faces, *how))
     for faces in ([(0, 1, 4)], [(0, 1, 2), (0, 1, 2, 9_000_000)], [(0, 1, 2), (0, -1, 3)]):
-        with pytest.raises(RenderError, match=r"mesh\.ply: found a face of vertex \d+, expected 0"):
+        with pytest.raises(RenderError, match=r"mesh\.ply: a face refers to vertex \d+"):
             check_faces(write_ply(file, faces, *how))
 
 
@@ -90,7 +90,7 @@ def test_faces_are_found_among_other_elements_and_properties(tmp_path, kind, lay
     file = tmp_path / "mesh.ply"
     check_faces(write_elements(file, kind, *other_files(3)[layout]))
     for index, said in ((4, 4), (30_000, 30_000), (-1, 0xFFFFFFFF)):
-        with pytest.raises(RenderError, match=rf"found a face of vertex {said}, expected 0 to 3"):
+        with pytest.raises(RenderError, match=rf"a face refers to vertex {said}, .* 4 vert"):
             check_faces(write_elements(file, kind, *other_files(index)[layout]))
 
 
@@ -104,7 +104,7 @@ def test_lines_of_a_text_file_are_as_mitsuba_reads_them(tmp_path):
         text.replace("3 0 1 9", "\n3 0\n1 9"),
     ):
         file.write_text(now.replace("made by", "créé par"), "latin-1")
-        with pytest.raises(RenderError, match="found a face of vertex 9, expected 0 to 3"):
+        with pytest.raises(RenderError, match="a face refers to vertex 9"):
             check_faces(file)
 
 
@@ -122,5 +122,5 @@ def test_a_scene_with_such_a_mesh_is_refused(tmp_path):
     """Promise: an error that names the file; the process does not end by a signal."""
     write_ply(tmp_path / "mesh.ply", [(0, 1, 2), (0, 2, 9_000_000)])
     select_variant()
-    with pytest.raises(RenderError, match=r"mesh\.ply: found a face of vertex 9000000, expected 0"):
+    with pytest.raises(RenderError, match=r"mesh\.ply: a face refers to vertex 9000000"):
         load_mi_scene(load_scene(write_scene(tmp_path, CAMERA, MESH)))

@@ -46,7 +46,11 @@ def test_a_folder_is_a_scene_too(tmp_path):
         ("fov_deg = 60.0", "fov_deg = '60'", r"camera\.fov_deg: found '60', expected a number"),
         ("fov_deg = 60.0", "fov_deg = true", r"camera\.fov_deg: found True, expected a number"),
         ("fov_deg = 60.0", "fov_deg = nan", r"camera\.fov_deg: found nan, expected a number"),
-        ("fov_deg = 60.0", "fov_deg = 190", r"camera\.fov_deg: found 190\.0, expected \(0, 180\)"),
+        (
+            "fov_deg = 60.0",
+            "fov_deg = 190",
+            r"camera\.fov_deg: found 190\.0, expected between 0 and 180",
+        ),
         (
             "fov_deg = 60.0",
             "fov_deg = 60\nfow = 1",
@@ -203,13 +207,15 @@ def test_clips_that_do_not_fit_are_refused():
     assert len(clips(scene, 1.3)) == 3
     assert clips(scene, samples=2) == clips(scene)[:2]
     assert clips(scene, warm_up_s=0.19)[0].t_start_s > 0
-    with pytest.raises(RenderError, match="duration_s: found 11, expected"):
+    with pytest.raises(RenderError, match="duration_s: found 11, not within"):
         clips(scene, 11)
     with pytest.raises(RenderError, match="samples: found 4, expected 1 to 3"):
         clips(scene, 1.3, samples=4)
     with pytest.raises(RenderError, match="no clip fits"):
         clips(scene, 0.2)
-    with pytest.raises(RenderError, match=r"found 10 s .* are the times of the poses in seconds\?"):
+    with pytest.raises(
+        RenderError, match=r"path of 10 s .* are the times of the poses in seconds\?"
+    ):
         clips(scene, every_s=1e-6, window_s=1e-7, warm_up_s=0.0)
     with pytest.raises(
         RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"

@@ -143,7 +143,7 @@ def test_the_path_between_the_frames_is_kept(folder):
     np.testing.assert_allclose(path.pose(0.117)[:3, 3], [0.117, 0, 0], atol=1e-15)
     text = (folder / "path.txt").read_text()
     (folder / "path.txt").write_text(text.replace("\n0.1 0.1 ", "\n0.1 0.2 "))
-    with pytest.raises(SequenceError, match=r"path\.txt: the path does not pass"):
+    with pytest.raises(SequenceError, match=r"path\.txt: the path misses the poses"):
         open_sequence(folder)
     (folder / "path.txt").unlink()
     with pytest.raises(SequenceError, match=r"path\.txt: no such file"):
@@ -190,7 +190,7 @@ def test_a_color_image_is_no_radiance_frame(folder):
 
 def test_a_missing_frame_is_named_at_once(folder):
     (folder / "frames" / "000001.exr").unlink()
-    with pytest.raises(SequenceError, match=r"000001\.exr: missing, with 1 of 3 frames"):
+    with pytest.raises(SequenceError, match=r"000001\.exr: missing .*1 of 3"):
         open_sequence(folder)
 
 
@@ -200,7 +200,7 @@ def test_a_missing_frame_is_named_at_once(folder):
         ({"t_s": [0.1, 0.125, 0.11]}, r"t_s: found \[0\.125, 0\.11\] at frame 1, .*increasing"),
         ({"t_s": [0.1, 0.1, 0.125]}, r"t_s: found \[0\.1, 0\.1\] at frame 0"),
         ({"t_s": [0.1, "x", 0.125]}, r"t_s\[1\]: found 'x', expected a number"),
-        ({"t_s": [0.1, 0.111, 0.125]}, r"poses\.txt: the times of its 3 poses"),
+        ({"t_s": [0.1, 0.111, 0.125]}, r"poses\.txt: its 3 poses have other times"),
         ({"version": 1}, r"manifest\.json: version: found 1, expected 2; render it again"),
         ({"version": 3, "moon": 1}, "version: found 3, expected 2; update eres to read it"),
         ({"complete": False}, "the render is unfinished"),

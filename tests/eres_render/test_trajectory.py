@@ -119,7 +119,7 @@ def test_poses_are_vectorized_over_any_shape():
 
 
 def test_times_off_the_path_are_refused():
-    with pytest.raises(TrajectoryError, match=r"lasts from 0 to .* s"):
+    with pytest.raises(TrajectoryError, match=r"the path covers 0 to .* s"):
         a_path().pose([0.0, 11.0])
 
 
@@ -182,7 +182,7 @@ def test_nearly_unit_quaternions_are_normalized(tmp_path):
 def test_rotations_must_be_rotations():
     controls = np.tile(np.eye(4), (4, 1, 1))
     controls[2, 0, 0] = math.sqrt(2)
-    with pytest.raises(TrajectoryError, match="in number 2, expected a rotation: orthonormal"):
+    with pytest.raises(TrajectoryError, match="at index 2, expected a rotation: orthonormal"):
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)
 
 
@@ -212,10 +212,10 @@ def test_times_and_the_path_of_a_scene_are_finite(value):
     method answers may be, which is a failure."""
     knots_s, controls = 0.5 * np.arange(-1.0, 4.0), np.tile(np.eye(4), (5, 1, 1))
     controls[3, 1, 3] = value
-    with pytest.raises(TrajectoryError, match=r"controls: found .* number 3, expected finite num"):
+    with pytest.raises(TrajectoryError, match=r"controls: found .* index 3, expected finite num"):
         load_scene("room", Trajectory(knots_s, controls))
     controls[3, 1, 3], knots_s[4] = 0.0, value
-    with pytest.raises(TrajectoryError, match=rf"knots_s: found {value} as number 4, expected fin"):
+    with pytest.raises(TrajectoryError, match=rf"knots_s: found {value} at index 4, expected fin"):
         Trajectory(knots_s, controls)
 
 
@@ -230,7 +230,7 @@ def test_paths_go_through_poses_only(row, column, value):
     poses[:, 0, 3] = [0, 0.1, 0.2, 0.3]
     assert path_through(range(4), poses.tolist()).duration_s == 3
     poses[2, row, column] = value
-    with pytest.raises(TrajectoryError, match=r"poses: found .* number 2, expected (a r|fin)"):
+    with pytest.raises(TrajectoryError, match=r"poses: found .* index 2, expected (a r|fin)"):
         path_through(range(4), poses)
     with pytest.raises(TrajectoryError, match=r"found 4 times and poses of shape \(3, 4, 4\)"):
         path_through(range(4), poses[:3])

@@ -261,7 +261,7 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path, monkeypatch):
     np.testing.assert_array_equal(camera["K"], truth.camera(40).K)
 
     before = {file: file.read_bytes() for file in files}
-    with pytest.raises(TrajectoryError, match="asked for a time in"):
+    with pytest.raises(TrajectoryError, match="the requested times are"):
         write_truth(truth, tmp_path / "out", [0.25, 1e3], 40, overwrite=True)
     assert {file: file.read_bytes() for file in files} == before, "what is refused deletes nothing"
 

@@ -117,10 +117,10 @@ def test_leak_levels_that_fall_on_frame_times_are_each_met_once(start_s, interva
     [
         ([0.0, 1e13], 1.0, r"t_s\[1\]: found 1e\+13 s"),
         ([-1e13, 0.0], 1.0, r"t_s\[0\]: found -1e\+13 s"),
-        ([0.0, 2000.0], 0.5, "4000 s between two frames at speed 0.5"),
+        ([0.0, 2000.0], 0.5, "4000 s apart at speed 0.5"),
         ([0.0, 1.0], 1e-13, r"found 1e\+13 s at speed 1e-13"),
         ([0.0, 1e-3], 1e321, "positive factors"),
-        ([1.9, math.nextafter(1.9, 2)], 1.8, "found 0 s between two frames at speed 1.8"),
+        ([1.9, math.nextafter(1.9, 2)], 1.8, "0 s apart at speed 1.8"),
     ],
 )
 def test_times_without_microseconds_are_refused(t_s, speed, expected):

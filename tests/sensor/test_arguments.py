@@ -166,10 +166,10 @@ def test_what_is_no_model_is_refused(model):
     name = type(model).__name__
     with pytest.raises(SensorError) as error:
         simulate(frames(), T_S, model)
-    one_line(error, f"model: found a {name}, expected a SensorModel")
+    one_line(error, f"model: found type {name}, expected a SensorModel")
     with pytest.raises(SensorError) as error:
         simulate_bank(frames(), T_S, [MODEL, model])
-    one_line(error, f"models[1]: found a {name}, expected a SensorModel")
+    one_line(error, f"models[1]: found type {name}, expected a SensorModel")
 
 
 @pytest.mark.parametrize("frames", [None, 3])
@@ -180,7 +180,7 @@ def test_what_is_no_frames_is_refused(frames):
 
 @pytest.mark.parametrize("models", [MODEL, None, 3])
 def test_models_are_several(models):
-    with pytest.raises(SensorError, match=r"^models: found .*, expected a list of SensorModel"):
+    with pytest.raises(SensorError, match=r"^models: found .*, expected a list"):
         simulate_bank(frames(), T_S, models)
 
 
@@ -286,7 +286,7 @@ def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
         assert caplog.messages == []
     else:
         (message,) = caplog.messages
-        assert f"t_s: the median interval between frames is {median}; times are in s" in message
+        assert f"t_s: the median interval between frames is {median}" in message
 
 
 @pytest.mark.parametrize(
@@ -296,9 +296,9 @@ def test_times_that_are_no_numbers_are_refused(t_s):
     """Promise: the error names the times; a clock's own type is not taken for seconds."""
     with pytest.raises(SensorError) as error:
         simulate(frames(), t_s, MODEL)
-    one_line(error, "t_s: found ", "expected a row of times in seconds")
+    one_line(error, "t_s: found ", "expected a 1-D array")
     for kind in ("datetime64[us]", "timedelta64[us]"):
-        with pytest.raises(SensorError, match="expected a row of times in seconds"):
+        with pytest.raises(SensorError, match=r"t_s: found .*, expected a 1-D array"):
             simulate(frames(), np.arange(2).astype(kind), MODEL)
 
 
@@ -365,7 +365,7 @@ def test_a_shift_beyond_int64_is_refused(shift_us):
     """Promise: no time wraps around."""
     events = simulate(frames(), T_S, MODEL)
     there = events.later(shift_us // 2**8) if abs(shift_us) < 2**64 else events
-    with pytest.raises(EventError, match=r"later: .* within int64"):
+    with pytest.raises(EventError, match=r"later: adding shift_us = .* overflows int64"):
         there.later(shift_us)
     assert len(events[:0].later(shift_us)) == 0
 
@@ -384,7 +384,7 @@ def test_windows_are_exact_up_to_the_ends_of_int64():
     array["t"] = 2**63 + 5
     with pytest.raises(EventError, match=r"t of uint64 .* 9223372036854775813"):
         Events.from_structured(array, 1, 1)
-    with pytest.raises(EventError, match="voxel_grid: found events of 18446744073709551615 us"):
+    with pytest.raises(EventError, match="voxel_grid: events span 18446744073709551615 us"):
         voxel_grid(events, 3)
 
 
@@ -400,7 +400,7 @@ def test_events_are_selected_by_a_mask_only():
 def test_a_sensor_of_events_has_a_number_of_pixels(width):
     """Promise: the size of a sensor without events is checked too."""
     t_us, x, p = np.zeros(0, np.int64), np.zeros(0, np.uint16), np.zeros(0, np.int8)
-    with pytest.raises(EventError, match="expected a number of pixels"):
+    with pytest.raises(EventError, match=r"found .*, expected 0 or more whole px"):
         Events(t_us, x, x, p, width=width, height=4)
 
 
@@ -483,7 +483,7 @@ def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
     there = arguments.memory_bytes()
     assert 1e8 < there < 1e15
     count = math.ceil((there + 1) / (24 * (1 << 32)))  # they share 8 bytes a pixel
-    with pytest.raises(SensorError, match=rf"and this machine has {there / 1e9:.1f} GB of memory"):
+    with pytest.raises(SensorError, match=rf"but this machine has {there / 1e9:.1f} GB of memory"):
         arguments.check_memory([model] * count, [0] * count)
 
 
@@ -492,7 +492,9 @@ def test_rates_above_one_event_a_microsecond_are_refused(name):
     """Promise: the sensor refuses a rate that event times cannot store; its events would fill
     memory."""
     SensorModel(width=1, height=1, **{name: 1e6})
-    with pytest.raises(SensorError, match=rf"{name}: found 1e\+300, expected Hz from 0 to 1e\+06"):
+    with pytest.raises(
+        SensorError, match=rf"{name}: found 1e\+300, expected a rate from 0 to 1e\+06"
+    ):
         SensorModel(width=1, height=1, **{name: 1e300})
 
 

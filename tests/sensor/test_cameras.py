@@ -162,7 +162,7 @@ def test_a_cutoff_is_lent_by_area():
     assert unknown.cutoff_at(67) == pytest.approx(201)
     own = EventCamera(cutoff_hz=20.0, illuminance_lux=10.0, area_exponent=1.0, pitch_um=5.0)
     assert own.cutoff_at(1.0) == pytest.approx(2.0)
-    with pytest.raises(SensorError, match="like: found 'gen4-cd', which has no cutoff"):
+    with pytest.raises(SensorError, match="like: the camera 'gen4-cd' does not have both"):
         replace(unknown, like="gen4-cd").cutoff_at(67)
 
 
@@ -290,7 +290,7 @@ def test_a_file_changes_its_base(tmp_path):
         ("cutof = 3", "cutof: unknown; did you mean 'cutoff'"),
         ('base = "davis364"', "camera: found 'davis364'; did you mean 'davis346'"),
         ("base = 3", "base: found 3, expected the name or the file"),
-        ("leak = -1", "leak: found -1, expected a number of Hz of at least 0"),
+        ("leak = -1", "leak: found -1, expected a number of Hz"),
         ("leak = nan", "leak: found nan, expected a number of Hz"),
         ("leak = inf", "leak: found inf, expected a finite number"),
         ("leak = 2e6", "leak: found 2000000.0, expected a number from 0 to 1e+06"),
@@ -298,18 +298,24 @@ def test_a_file_changes_its_base(tmp_path):
         ("cutoff = 0", "cutoff: found 0.0, expected a number from"),
         ("fill_factor = 1.2", "fill_factor: found 1.2, expected a number from 1e-06 to 1"),
         ("width = 3.5", "width: found 3.5, expected an integer from 1 to 65536"),
-        ("height = 3", "width, height: found one of them"),
+        ("height = 3", "width, height: give both or neither"),
         ("random_start = 1", "random_start: found 1, expected true or false"),
         ('photoreceptor = "rc"', "photoreceptor: found 'rc', expected 'two_pole' or"),
-        ('photoreceptor = "v2e"\ncutoff_follows_light = true', "cutoff_follows_light: found true"),
-        ('threshold = { value = 11, unit = "%", source = "s" }', "expected threshold_off, too"),
-        ('leak = { value = 1, unit = "lux", source = "s" }', "leak: unit: found 'lux'"),
-        ("leak = { value = 1 }", "leak.source: found None, expected a text"),
+        (
+            'photoreceptor = "v2e"\ncutoff_follows_light = true',
+            "cutoff_follows_light: must be false",
+        ),
+        (
+            'threshold = { value = 11, unit = "%", source = "s" }',
+            "threshold: give threshold_off, too",
+        ),
+        ('leak = { value = 1, unit = "lux", source = "s" }', "leak.unit: found 'lux'"),
+        ("leak = { value = 1 }", "leak.source: found None"),
         ('leak = { value = 1, source = "s", kind = "x" }', "leak.kind: found 'x'"),
         ('leak = { value = 1, source = "s", origin = 2 }', "leak.origin: unknown"),
-        ('leak = { value = 1, source = "s", interval = [3, 2] }', "its lower end first"),
+        ('leak = { value = 1, source = "s", interval = [3, 2] }', "leak.interval: found [3, 2]"),
         ('leak = { value = 1, source = "s", interval = 3 }', "leak.interval: found 3"),
-        ('leak = { source = "s" }', "leak: found neither value nor interval"),
+        ('leak = { source = "s" }', "leak: needs a value or an interval"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path, text, expected):
@@ -350,13 +356,13 @@ def test_the_stored_schema_is_up_to_date(eres):
 
 def test_what_contradicts_itself_is_refused():
     davis = find_camera("davis346")
-    with pytest.raises(SensorError, match="found both lux and cutoff_hz"):
+    with pytest.raises(SensorError, match="lux or cutoff_hz, not both"):
         davis.model(lux=67, cutoff_hz=50.0)
-    with pytest.raises(SensorError, match="imx636: found no width and height"):
+    with pytest.raises(SensorError, match="imx636: needs width and height"):
         find_camera("imx636").model()
     assert find_camera("imx636").on(12, 8).model().width == 12
     follows = replace(davis, cutoff_follows_light=True)
-    with pytest.raises(SensorError, match="cutoff_follows_light: found no cutoff"):
+    with pytest.raises(SensorError, match="cutoff_follows_light: needs a cutoff"):
         follows.model()
     assert follows.model(cutoff_hz=math.inf).cutoff_reference is None
     assert follows.model(lux=17, white=4.0).cutoff_reference == 4.0
@@ -364,7 +370,7 @@ def test_what_contradicts_itself_is_refused():
     for lux in (0, -1, math.inf, math.nan, "dim"):
         with pytest.raises(SensorError, match="lux: found"):
             davis.model(lux=lux)
-    with pytest.raises(SensorError, match=r"nowhere\.toml: no such camera"):
+    with pytest.raises(SensorError, match=r"nowhere\.toml: no such file"):
         find_camera("nowhere.toml")
     with pytest.raises(
         SensorError, match=r"found 'zzz'; expected a file such as mine\.toml, or one"

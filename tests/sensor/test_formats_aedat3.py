@@ -61,10 +61,10 @@ def test_order_and_sorting(tmp_path):
     ("head", "packets", "said"),
     [
         (HEAD.replace(b"RAW", b"Compressed"), [], "Format: found Compressed, expected RAW"),
-        (HEAD[:30], [], "the header breaks off before #!END-HEADER"),
+        (HEAD[:30], [], "the header ends without #!END-HEADER"),
         (HEAD, [b"\x01\x00"], "the file ends within a packet"),
         (HEAD, ["whole", -3], "the file ends within a packet"),
-        (HEAD, [b"\xff" * 28], "expected a packet"),
+        (HEAD, [b"\xff" * 28], "expected the header of a packet"),
         (HEAD, ["huge"], "the file ends within a packet"),
         (HEAD, ["whole", "other"], "from 2 cameras"),
         (HEAD, ["outside"], "found 346, expected less than 346"),

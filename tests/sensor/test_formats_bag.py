@@ -65,9 +65,9 @@ def test_several_topics_need_a_choice(tmp_path, eres, caplog):
     """Promise: no topic is taken by chance; the option names one."""
     left, right = random_events(60, seed=1), random_events(70, seed=2)
     path = write_bag(tmp_path / "a.bag", {"/left": left, "/right": right})
-    with pytest.raises(EventFormatError, match="topic: found None, expected one of /left, /right"):
+    with pytest.raises(EventFormatError, match="topic: none given; choose from /left, /right"):
         load_events(path)
-    with pytest.raises(EventFormatError, match="found /up, expected one of /left, /right"):
+    with pytest.raises(EventFormatError, match="topic: /up given; choose from /left, /right"):
         load_events(path, topic="/up")
     assert_same(load_events(path, topic="/right"), right)
     code, out, _ = eres("convert", path, tmp_path / "a.h5", "--topic", "/left")

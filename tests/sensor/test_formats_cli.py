@@ -142,7 +142,7 @@ def test_a_format_that_cannot_have_the_last_frame_is_refused(
         return
     with pytest.raises(TaskError, match=f"until {last_us} us, .*; use {able}"):
         start()
-    with pytest.raises(EventFormatError, match="found"):
+    with pytest.raises(EventFormatError, match=r"\d us"):
         write()
 
 
@@ -404,23 +404,25 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
 
     assert "also holds    camera, lidar, truth, events/z" in eres("info", dsec)[1]
     assert convert(dsec, tmp_path / "b.h5") == [
-        f"{tmp_path / 'b.h5'}: DSEC HDF5 cannot store camera, lidar, events/z"
+        f"{tmp_path / 'b.h5'}: the format 'DSEC HDF5' cannot store camera, lidar, events/z"
     ]
     assert convert(dsec, npz) == [
-        f"{npz}: numpy arrays cannot store camera, lidar, truth, events/z"
+        f"{npz}: the format 'numpy arrays' cannot store camera, lidar, truth, events/z"
     ]
     assert convert(npz, raw) == []
-    assert convert(raw, text) == [f"{text}: text, t x y p cannot store sensor model, origin"]
+    assert convert(raw, text) == [
+        f"{text}: the format 'text, t x y p' cannot store sensor model, origin"
+    ]
     assert convert(text, tmp_path / "c.raw") == []
     header, words = raw.read_bytes().split(b"% end\n", 1)
     raw.write_bytes(header + b"% serial_number 12\n% end\n" + words)
     assert convert(raw, tmp_path / "d.raw") == [
-        f"{tmp_path / 'd.raw'}: Prophesee EVT3 cannot store serial_number"
+        f"{tmp_path / 'd.raw'}: the format 'Prophesee EVT3' cannot store serial_number"
     ]
     with np.load(npz) as columns:
         np.savez(tmp_path / "e.npz", **columns, extra=np.zeros(3))
     assert convert(tmp_path / "e.npz", tmp_path / "f.npz") == [
-        f"{tmp_path / 'f.npz'}: numpy arrays cannot store extra"
+        f"{tmp_path / 'f.npz'}: the format 'numpy arrays' cannot store extra"
     ]
 
 
@@ -561,7 +563,7 @@ def test_triggers_are_kept_and_shown(eres, tmp_path, caplog):
     assert read_triggers(tmp_path / "c.npz").t_us.tolist() == shifted.tolist()
     caplog.clear()
     assert eres("convert", dsec, text)[0] == 0
-    assert caplog.messages == [f"{text}: text, t x y p cannot store triggers"]
+    assert caplog.messages == [f"{text}: the format 'text, t x y p' cannot store triggers"]
 
 
 def test_text_of_others_is_converted_with_options(eres, tmp_path):
@@ -570,7 +572,7 @@ def test_text_of_others_is_converted_with_options(eres, tmp_path):
     source.write_text("9,1,2,1\n5,3,4,-1\n")
     options = ["--size", 8, 9, "--time-unit", "ms", "--sort"]
     code, _, err = eres("convert", source, out, "--size", 8, 9)
-    assert (code, "found whole times, 9, 5, which" in err) == (1, True)
+    assert (code, "times, 9, 5, are whole" in err) == (1, True)
     assert eres("convert", source, out, *options)[0] == 0
     assert_same(load_events(out), make_events([5000, 9000], [3, 1], [4, 2], [0, 1], 8, 9))
     assert "8x9 px as given, size not stored" in eres("info", source, *options)[1]
@@ -710,7 +712,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
             "speed: found 0",
         ),
         ([*SIMULATE, "--cutoff", "9", "--lux", "9"], 1, "lux, cutoff: found both"),
-        ([*SIMULATE, "--cutoff-follows-light"], 1, "cutoff_follows_light: found no cutoff"),
+        ([*SIMULATE, "--cutoff-follows-light"], 1, "cutoff_follows_light: needs a cutoff"),
         ([*SIMULATE, "--lux", "0"], 1, "lux: found 0"),
         ([*SIMULATE, "--leak", "-1"], 1, "leak: found -1"),
         ([*SIMULATE, "--photoreceptor", "three_pole"], 2, ""),
@@ -720,7 +722,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
             1,
             "bus: found 'foo'; expected a number of Mev/s, 'unlimited', or one of atis",
         ),
-        ([*SIMULATE, "--bus", "atis"], 1, "the bus of 'atis' is unknown"),
+        ([*SIMULATE, "--bus", "atis"], 1, "the bus of 'atis'"),
         ([*SIMULATE, "--bus", "0"], 1, "bus: found 0"),
         ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "has 128x"),

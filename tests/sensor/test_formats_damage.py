@@ -76,7 +76,7 @@ def test_a_last_line_that_may_lack_digits_is_named(text, cut, said, tmp_path, ca
     found = load_events(path, size=(640, 480))
     assert len(found) == 2
     warned = [
-        f"{path}: the last line does not end; if the file is truncated, the last event has a "
+        f"{path}: the last line has no line end; if the file is truncated, the last event has a "
     ]
     assert caplog.messages == [f"{one}wrong {said}" for one in warned if said]
 

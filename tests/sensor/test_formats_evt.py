@@ -93,7 +93,7 @@ def test_a_clock_in_nanoseconds_is_kept(name, tmp_path):
         assert read_header(path).t_offset_us == start_us
         assert_same(load_events(path), events)
     late = make_events([0], [1], [2], [1]).later((1 << 62) + 9)
-    with pytest.raises(EventFormatError, match="found a clock that starts at 46"):
+    with pytest.raises(EventFormatError, match="the clock starts at 46"):
         write_events(tmp_path / "b.raw", late, format=name, t_offset_us=(1 << 62) + 9)
     assert not (tmp_path / "b.raw").exists()
 
@@ -257,7 +257,7 @@ def test_a_step_back_in_evt2(tmp_path):
     events = load_events(raw(tmp_path / "a.raw", header, [8 << 28 | 1, *event], "<u4"))
     assert events.t_us.tolist() == [73, 73, 74]
     words = [8 << 28 | 2, event[0], 8 << 28 | 1, event[1]]
-    with pytest.raises(EventFormatError, match="found time 68 us after 137 us"):
+    with pytest.raises(EventFormatError, match="68 us, is before the previous time, 137 us"):
         load_events(raw(tmp_path / "b.raw", header, words, "<u4"))
 
 
@@ -304,11 +304,11 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
     ("header", "words", "said"),
     [
         (b"", [], "byte 0: found no header"),
-        (b"% evt 3.0", [], "byte 9: the header breaks off within a line"),
+        (b"% evt 3.0", [], "byte 9: the header ends within a line"),
         (b"% evt \xff\n", [], "expected a line of text"),
-        (b"% evt 4.0\n", [], "found version '4.0', expected EVT2 or EVT3"),
-        (b"% evt 2.0\n% format EVT3;width=640;height=480\n", [], "'evt2 and evt3'"),
-        (b"% geometry 64x48\n" + HEADER, [], "two sizes, [(64, 48), (640, 480)]"),
+        (b"% evt 4.0\n", [], "declares 4.0, expected one version, EVT2 or EVT3"),
+        (b"% evt 2.0\n% format EVT3;width=640;height=480\n", [], "declares evt2 and evt3"),
+        (b"% geometry 64x48\n" + HEADER, [], "conflicting sizes: [(64, 48), (640, 480)]"),
         (b"% geometry wide\n" + HEADER, [], "geometry: found 'wide'"),
         (b"% geometry 0x0\n% evt 3.0\n", [], "width: found 0"),
         (b"% endianness big\n" + HEADER, [], "endianness"),
@@ -318,7 +318,7 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
             "ends after 1 events, but its header says 2",
         ),
         (b"% event_count x\n" + HEADER, [], "event_count: found 'x'"),
-        (b"% event_count 2\n% evt 3.0\n", [], "breaks off before '% end'"),
+        (b"% event_count 2\n% evt 3.0\n", [], "the header ends without '% end'"),
         (b'% sensor_model {"width": 2}\n' + HEADER, [], "sensor_model: "),
         (b'% sensor_model {"widht": 2}\n' + HEADER, [], "sensor_model.widht: unknown"),
         (b'% sensor_model {"width": "2"}\n' + HEADER, [], "sensor_model.width: found '2'"),
@@ -336,9 +336,13 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (HEADER, [0x8000, 0x0001, 0x2FFF], "byte 55, word 0x2fff: found x = 2047, outside"),
         (HEADER, [0x8000, 0x01E0, 0x2001], "byte 55, word 0x2001: found y = 480, outside"),
         (HEADER, [0x8000, 0x0001, 0x327F, 0x5003], "word 0x5003: found x = 640, outside"),
-        (HEADER, [0x8000, 0x0001, 0x4003], "word 0x4003: found a vector of events before"),
+        (HEADER, [0x8000, 0x0001, 0x4003], "word 0x4003: a vector of events comes before"),
         (HEADER, [0x8000, 0x1001], "word 0x1001: the format has no word of this type"),
-        (HEADER, [0x8001, 0x0001, 0x2001, 0x8000, 0x2001], "found time 0 us after 4096 us"),
+        (
+            HEADER,
+            [0x8001, 0x0001, 0x2001, 0x8000, 0x2001],
+            "0 us, is before the previous time, 4096 us",
+        ),
     ],
 )
 def test_damage_is_named(header, words, said, tmp_path):

@@ -130,7 +130,7 @@ def test_a_crash_of_the_decoder_is_an_error(tmp_path):
     patched.write_text(code)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(faery_process, "__file__", str(patched))
-        with pytest.raises(EventFormatError, match="its decoder ended; the file is damaged"):
+        with pytest.raises(EventFormatError, match="its decoder stopped; the file is damaged"):
             load_events(path)
 
 

@@ -159,7 +159,9 @@ def test_the_start_of_the_clock_goes_through_npz(name, start_us, tmp_path):
 def test_text_does_not_keep_the_start_of_the_clock(tmp_path, caplog):
     path = tmp_path / "a.txt"
     write_events(path, random_events(9), t_offset_us=5)
-    assert caplog.messages == [f"{path}: text, t x y p cannot store start of the clock"]
+    assert caplog.messages == [
+        f"{path}: the format 'text, t x y p' cannot store start of the clock"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_a_format_from_outside_is_one_like_any_other(monkeypatch, tmp_path, capl
     events = simulate(FRAMES, T_S, own_sensor().model())
     file = tmp_path / "events.rows"
     assert write_events(file, events) == len(events) > 1000
-    assert "a row for each event cannot store sensor model" in caplog.text
+    assert "a row for each event' cannot store sensor model" in caplog.text
     assert (read_header(file).width, read_header(file).height) == (40, 30)
     for column, written in zip(load_events(file).columns, events.columns, strict=True):
         np.testing.assert_array_equal(column, written)

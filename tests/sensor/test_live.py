@@ -158,9 +158,9 @@ REFUSED = {
     "time again": ((ONES, 0.2), r"t_s\[3\]: found 0\.2 after 0\.2"),
     "time before": ((np.ones((2, *SIZE)), [0.3, 0.25]), r"t_s\[4\]: found 0\.25 after 0\.3"),
     "no time": ((ONES, np.nan), r"t_s\[3\]: found nan"),
-    "a word": ((ONES, "soon"), "t_s: found .*, expected a row of times"),
-    "times missing": ((np.ones((2, *SIZE)), 0.3), "t_s: found 1 times for 2 frames"),
-    "hours later": ((ONES, 1e4), r"t_s: found 9999.* s between two frames"),
+    "a word": ((ONES, "soon"), "t_s: found .*, expected a 1-D array"),
+    "times missing": ((np.ones((2, *SIZE)), 0.3), "t_s: 1 times for 2 frames"),
+    "hours later": ((ONES, 1e4), r"t_s: two frames are 9999.* s apart"),
     "another size": (
         (np.ones((24, 30)), 0.3),
         r"frame 3: found shape \(24, 30\), expected ",
@@ -226,7 +226,7 @@ def test_nothing_is_pushed_after_the_end():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"model": SIZE}, "model: found a tuple, expected a SensorModel"),
+        ({"model": SIZE}, "model: found type tuple, expected a SensorModel"),
         ({"model": plain(width=64, height=48)}, "64x48 px is finer than the frames of 32x24"),
         ({"model": plain(height=16)}, "32x16 px differs in aspect ratio"),
         ({"readout": 12e6}, r"readout: found 12000000\.0, expected a sensor\.Readout"),

@@ -133,7 +133,7 @@ def test_counts_and_time_surface_equal_a_plain_loop(count, mean_us, seed):
 def test_time_surface_refuses_a_time_before_the_last_event():
     """Promise: a window that reaches into the future is named, not clipped."""
     events = random_events(100)
-    with pytest.raises(EventError, match=r"an event at \d+ us, expected none after t_us = 3"):
+    with pytest.raises(EventError, match=r"the event at \d+ us is after t_us = 3"):
         time_surface(events, 1e3, 3)
     with pytest.raises(EventError, match="tau_us = 0, expected a positive number"):
         time_surface(events, 0)
@@ -143,9 +143,9 @@ def test_time_surface_refuses_ages_beyond_64_bits():
     """Promise: a recency is in [0, 1] or an error."""
     pixel, p = np.array([0, 1], np.uint16), np.ones(2, np.int8)
     ends = np.array([-(1 << 62) - 10, (1 << 62) + 10])
-    with pytest.raises(EventError, match=r"or 2\^63 us before"):
+    with pytest.raises(EventError, match=r"or 2\^63 us or more before"):
         time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3)
-    with pytest.raises(EventError, match=r"or 2\^63 us before"):
+    with pytest.raises(EventError, match=r"or 2\^63 us or more before"):
         time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3, t_us=ends[-1])
     for t_us in (np.inf, np.nan, 1000.9):
         with pytest.raises(EventError, match="expected whole microseconds as an integer"):

@@ -109,9 +109,9 @@ def test_windows_of_a_histogram_may_reach_beyond_any_event():
         histogram.add(events)
         np.testing.assert_array_equal(histogram.counts, [1, 1])
     for arguments, said in (
-        ((1, 1, [1, 2], (0,)), r"window_us = \(0,\), expected a pair"),
-        ((2.0, 1, [1, 2], (0, 1)), "width = 2.0, expected an integer from 1 on"),
-        ((1, -1, [1, 2], (0, 1)), "height = -1, expected an integer from 1 on"),
+        ((1, 1, [1, 2], (0,)), r"window_us=\(0,\), expected"),
+        ((2.0, 1, [1, 2], (0, 1)), "width = 2.0, expected a positive integer"),
+        ((1, -1, [1, 2], (0, 1)), "height = -1, expected a positive integer"),
     ):
         with pytest.raises(EventError, match=said):
             IntervalHistogram(*arguments)
@@ -147,14 +147,17 @@ def test_hundreds_of_bins_do_not_wrap():
             {"edges_us": np.geomspace(1, 10, 12)},
             "found 12 edges_us of float64, 1.0, .*, expected two or",
         ),
-        ({"edges_us": [100, 50]}, "found 2 edges_us of int64, 100, 50.*, strictly ascending"),
+        (
+            {"edges_us": [100, 50]},
+            "found 2 edges_us of int64, 100, 50.*, expected two or more strictly",
+        ),
         (
             {"edges_us": [10, 1 << 28]},
-            "found 2 edges_us .*, strictly ascending from 0 on and below 2\\^28 us",
+            "found 2 edges_us .* from 0 to 2\\^28 - 1 us",
         ),
         ({"edges_us": [10]}, "found 1 edges_us of int64, 10…, expected two or more"),
         ({"window_us": (0.0, 0.2)}, "found window_us = 0.0, expected whole microseconds"),
-        ({"every_row": 0}, "found every_row = 0, expected an integer from 1 on"),
+        ({"every_row": 0}, "found every_row = 0, expected a positive integer"),
     ],
 )
 def test_what_a_histogram_cannot_count_is_refused(options, said):

@@ -277,7 +277,7 @@ def test_a_study_that_is_not_there(tmp_path):
     ("camera", "message"),
     [
         (plain_camera(64), "simulate.sensors: found a camera without a name"),
-        (find_camera("imx636"), "simulate: imx636: found no width and height"),
+        (find_camera("imx636"), "simulate: imx636: needs width and height"),
     ],
     ids=["no name", "no grid"],
 )

@@ -71,7 +71,7 @@ def test_the_later_wins(tmp_path):
     ("options", "text"),
     [
         ({"electronics": "v2e-nosy"}, "did you mean 'v2e-noisy'"),
-        ({"sensor": "nowhere.toml"}, "nowhere.toml: no such camera"),
+        ({"sensor": "nowhere.toml"}, "nowhere.toml: no such file"),
         ({"sensor": "ideal", "lux": 9.0, "cutoff": 9.0}, "lux, cutoff: found both"),
         ({"sensor": "davis346", "resolution": 9}, "sensor, resolution: found both"),
         ({"electronics": "v2e-noisy", "cutoff_follows_light": True}, "cutoff_follows_light"),

@@ -193,7 +193,7 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
     (out / "depth" / "mine.exr").write_text("mine")
     code, _, err = eres(*truth, 0.025)
     assert (code, len(err.splitlines())) == (1, 1)
-    assert f"{out}: contains truth already" in err
+    assert f"{out}: has ground truth already" in err
     assert "--overwrite" in err
     assert set(out.rglob("*")) - set(fine) == {out / "notes.txt", out / "depth" / "mine.exr"}
 
@@ -238,7 +238,7 @@ BAD_SCENES = [
 BAD_POSES = [
     ("0 0 0 3 0 0 0 1\n1 0 0 4 0 0 0 1\n0.5 0 0 5 0 0 0 1\n", "line 3: found time 0.5 after 1.0"),
     ("0 0 0 3 0 0 0 1.01\n1 0 0 4 0 0 0 1\n", "line 1: found a quaternion of length 1.01"),
-    ("0 0 0 3 0 0 0 1\n1 0 0 3 0 0 0 1\n", "found a path of length 0"),
+    ("0 0 0 3 0 0 0 1\n1 0 0 3 0 0 0 1\n", "the path has length 0"),
     ("0 0 0 0.2 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", "is inside a solid or behind a wall, shape 'ball'"),
     ("0 3 0 0 0 0 0 1\n1 -3 0 0 0 0 0 1\n", "of shape 'ball'"),
     ("hello\n", "line 1: found 'hello', expected 8 numbers"),
@@ -254,7 +254,7 @@ BAD_NUMBERS = [
     (("--width", "9"), "found --resolution and --width, expected"),
     (("--height", "9"), "found --resolution and --height, expected"),
     (("--width", "9", "--height", "8"), "found --resolution and --width and --height, expected"),
-    (("--duration", "9"), "duration_s: found 9.0, expected (0, 0.4] s"),
+    (("--duration", "9"), "duration_s: found 9.0, not within the 0.4 s"),
     (("--max-displacement", "0"), "max_displacement_px: found 0.0, expected a positive number"),
     (("--integrator", "baked"), "shape 'mirror' is not Lambertian"),
 ]
@@ -293,7 +293,7 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 def test_a_path_without_room_for_a_clip_says_what_to_do(eres, tmp_path, path_s, instead):
     xml = write_scene(tmp_path, CAMERA, SCENE)
     poses = write_poses(tmp_path, POSITIONS_M, (0.0, 0.2, path_s))
-    text = f"found 0.22 s of path, expected at least 0.3 s; {instead} for one sequence"
+    text = f"no clip fits into 0.22 s of path, expected at least 0.3 s; {instead} for one sequence"
     options = ("--out", tmp_path / "out", "--duration", 0.22)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *options)
 
@@ -396,7 +396,7 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     for k in range(2):
         (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
         (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
-    instead = f"a folder of 2 sequences; give a sequence, such as {tmp_path / 'r' / 'clip_000'}"
+    instead = f"a folder of 2 sequences; give one sequence, such as {tmp_path / 'r' / 'clip_000'}"
     folder, out = tmp_path / "r", tmp_path / "o"
     refused(eres, tmp_path, instead, "info", folder)
     refused(eres, tmp_path, instead, "truth", folder, "--out", out)

@@ -832,7 +832,7 @@ def test_steps_are_the_edges_of_one_channel(tmp_path):
     assert read_steps("triggers:1", file).tolist() == [200, 400, 600]
     with pytest.raises(TaskError, match=r"events.h5: triggers: found edges on channel 0, 1;"):
         read_steps("triggers", file)
-    with pytest.raises(TaskError, match="found edges on channel 0, 1; none on 3"):
+    with pytest.raises(TaskError, match="found edges on channel 0, 1; there are none on 3"):
         read_steps("triggers:3", file)
 
 

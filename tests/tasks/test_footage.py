@@ -368,7 +368,7 @@ def test_the_command_reads_a_layer_and_repairs_it(tmp_path, eres, caplog):
     command = "simulate", tmp_path / "in", "--fps", 100, "--out", tmp_path / "events.h5"
     code, _, said = eres(*command)
     assert code == 1
-    assert "found layers beauty, glow; name one of them with --layer" in said
+    assert "found layers beauty, glow; choose one with --layer" in said
     code, _, said = eres(*command, "--layer", "beauty", "--repair")
     assert code == 0, said
     assert "3 pixels of 3 frames were not finite, or below 0" in caplog.text
