@@ -56,7 +56,7 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert "mine, continuous" in out
     assert "0.0000 to 0.4000 s" in out
     assert "m/s on average" in out
-    said = f"{sequence.folder}: is a folder; the given options"
+    said = f"{sequence.folder}: is a folder; --format and read options"
     refused(eres, tmp_path, said, "info", sequence.folder, "--format", "npz")
 
     code, out, _ = eres(

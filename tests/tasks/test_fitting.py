@@ -669,7 +669,7 @@ def test_the_command_completes_a_camera(eres, tmp_path):
     [
         (("--dark", 1e-2), "--dark needs --frames or --crop"),
         (("--check", "first"), "--check needs --frames or --crop"),
-        (("--sensor", "davis346"), "sensor: davis346 has 346x260 px, and .*recording.h5 80x60 px"),
+        (("--sensor", "davis346"), "sensor: davis346 has 346x260 px, but .*h5 has 80x60 px"),
     ],
 )
 def test_options_that_do_not_fit_the_recording_are_refused(eres, tmp_path, options, text):
@@ -806,7 +806,7 @@ def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
         fit_recording(events, Evidence(still_s=(0.0, 9.0)))
     with pytest.raises(TaskError, match="frames have 80x60 px, but the sensor has 81x60 px"):
         levels_of(Events(*events.columns, WIDTH + 1, HEIGHT), light_every(1), 1e-2)
-    with pytest.raises(TaskError, match="found 0 usable events during .*, expected at least 100"):
+    with pytest.raises(TaskError, match=r"found 0 usable events during .*, expected at least 100"):
         levels_of(events[:9], light_every(1), 1e-2)
     with pytest.raises(TaskError, match="ON events per pixel and step, expected at least 3"):
         fit_response(events, np.array([0, 1000]))

@@ -189,7 +189,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
 @pytest.mark.parametrize(
     ("options", "found"),
     [
-        (["--sensor", "davis346", "--resolution", 8], "sensor, resolution: found both"),
+        (["--sensor", "davis346", "--resolution", 8], "give --sensor or --resolution, not both"),
         (["--sensor", "davis3460"], "did you mean 'davis346'?"),
         (["--count", 0], "count: found 0"),
         (["--seconds", 0], "seconds: found 0.0"),

@@ -808,4 +808,4 @@ def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, mon
 def test_a_file_or_the_viewer_is_asked_for(eres, recording, options):
     """Promise: it is a mistake in the command, exit code 2, before anything is read."""
     code, _, err = eres("view", recording, *options)
-    assert (code, "give either --out FILE" in err, "or --rerun" in err) == (2, True, True)
+    assert (code, "give --out FILE" in err, "or --rerun, but not both" in err) == (2, True, True)
