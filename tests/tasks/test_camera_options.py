@@ -148,9 +148,9 @@ def test_a_study_names_a_photoreceptor(tmp_path):
 @pytest.mark.parametrize(
     ("resolution", "fill_factor", "said"),
     [
-        (64, 0.5, "fill factor 0.5 has no effect: a pixel is 1 px"),
+        (64, 0.5, "fill factor 0.5 has no effect: a sensor pixel spans 1 px"),
         (64, 1.0, ""),
-        (32, 0.5, "fill factor 0.5 has little effect: a pixel is 2 px"),
+        (32, 0.5, "fill factor 0.5 has little effect: a sensor pixel spans 2 px"),
         (21, 0.5, ""),
     ],
 )

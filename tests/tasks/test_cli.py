@@ -168,7 +168,7 @@ def test_mistakes_get_one_clear_line(eres, tmp_path, args, code, text):
 
 def test_a_speed_leaves_a_microsecond_of_a_window():
     """Promise: a higher one is refused by name, before anything divides by its length."""
-    with pytest.raises(TaskError, match=r"speed: at 1e\+06, a window is shorter than"):
+    with pytest.raises(TaskError, match=r"speed: 1e\+06 makes a window shorter than 1 us"):
         Setting(SensorModel(width=64, height=64), 1e6, 0, 0)
 
 

@@ -129,7 +129,7 @@ def test_one_transparent_color_is_transparency(tmp_path, caplog, mode):
 def test_a_sensor_finer_than_footage_is_refused_at_once(tmp_path):
     """Promise: the frames are not measured before."""
     folder = write_folder(tmp_path / "small", pictures(2, 8, 12), ".png")
-    with pytest.raises(TaskError, match="24x16 px, and sees 12x8 px"):
+    with pytest.raises(TaskError, match="24x16 px, but sees 12x8 px"):
         simulate_footage(
             open_footage(folder, fps=10),
             SensorModel(width=24, height=16),
@@ -613,7 +613,7 @@ def test_a_video_is_not_replaced_by_its_events(eres, tmp_path):
     before = video.read_bytes()
     args = ("--out", video, "--format", "npz", "--overwrite", "--resolution", 16)
     code, _, err = eres("simulate", video, *args)
-    assert (code, "is the input" in err) == (1, True)
+    assert (code, "would overwrite the input" in err) == (1, True)
     assert video.read_bytes() == before
 
 
@@ -623,7 +623,7 @@ def test_an_image_is_not_replaced_by_the_events_of_its_folder(eres, tmp_path):
     before = (folder / "frame9.png").read_bytes()
     args = ("--fps", 30, "--format", "npz", "--overwrite", "--resolution", 16)
     code, _, err = eres("simulate", folder, "--out", folder / "frame9.png", *args)
-    assert (code, "is the input" in err) == (1, True)
+    assert (code, "would overwrite the input" in err) == (1, True)
     assert (folder / "frame9.png").read_bytes() == before
     for _ in range(2):
         assert eres("simulate", folder, "--out", folder / "events.npz", *args)[0] == 0
