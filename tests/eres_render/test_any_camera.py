@@ -135,7 +135,7 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_lenses_and_oblon
     assert refused.startswith(
         "camera: found fx = 20.0 and fy = 21.0, and scalar_rgb renders square"
     )
-    assert "found a lens, Distortion(k1=-0.1, " in refused_lens
+    assert "needs a pinhole camera; found Distortion(k1=-0.1, " in refused_lens
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["plane", "room"])
