@@ -562,7 +562,7 @@ def coded_floats(made, folder):
     table = frames / "frames.csv"
     table.write_text(table.read_text().replace(".png", ".tiff"))
     assert open_frames(frames).encoding == "linear"
-    return ["--frames", frames, "--encoding", "rec709"], "the encoding is rec709"
+    return ["--frames", frames, "--encoding", "rec709"], "leave out --encoding rec709"
 
 
 @pytest.mark.parametrize("unit", [10.0, 1e-3])
@@ -596,7 +596,7 @@ def test_a_black_first_frame_of_floats_is_refused(made, tmp_path):
     for file in frames.glob("*.png"):
         light = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         cv2.imwrite(str(file.with_suffix(".tiff")), np.zeros(light.shape, np.float32))
-    with pytest.raises(TaskError, match="first frame is black"):
+    with pytest.raises(TaskError, match="first frame defines white, but is black"):
         open_frames(frames)
 
 
