@@ -135,7 +135,7 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
         clip = open_sequence(file.parent)  # raises if something is missing
         key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
         if key in clips:
-            raise TaskError(f"{file.parent}: is the same clip as {clips[key]}; remove either")
+            raise TaskError(f"{file.parent}: is the same clip as {clips[key]}; remove one")
         clips[key] = file.parent
     return clips
 

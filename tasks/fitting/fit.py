@@ -189,7 +189,7 @@ class Found:
         if self.noise is not None:
             still = f"{recording}: a still stretch, in its light"
             twice = f"{still}: twice the OFF events"
-            constant = "0, as the shot noise is that of the light of the recording"
+            constant = "0: the shot noise is given for the light of the recording"
             values["leak"] = Fitted(self.noise.leak_hz, "Hz", f"{still}: surplus of ON events")
             values["shot_noise"] = Fitted(self.noise.shot_noise_hz, "Hz", twice)
             values["shot_noise_exponent"] = Fitted(0.0, "", constant, "given")

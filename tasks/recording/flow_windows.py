@@ -138,8 +138,8 @@ def windows_of(
     if with_before:
         windows = [each for each in windows if each[0].before_us >= recording.start_us]
         if not windows:
-            needed = "dense flow needs a window between frames with events for its length before it"
-            raise TaskError(f"{recording.path}: {needed}, and there is none")
+            needed = "dense flow needs events for a window's length before the window"
+            raise TaskError(f"{recording.path}: {needed}, but no window between frames has them")
     return [windows[i] for i in spread(range(len(windows)), options.windows)]
 
 
