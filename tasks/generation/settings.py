@@ -182,7 +182,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
             if old.get(name) != table.get(name):
                 raise TaskError(
                     f"{file}: {name} is {old.get(name)!r} in this folder, but {table.get(name)!r} "
-                    "is asked for; use the same options, or choose another folder"
+                    "was requested; use the same options, or choose another folder"
                 )
         return
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
