@@ -257,7 +257,7 @@ def find_features(
     chosen = np.flatnonzero(visible)[:count]
     if len(chosen) < count:
         raise TaskError(
-            f"features: {len(chosen)} of {len(corners_px)} corners stay in sight from {start_s:g} "
+            f"features: {len(chosen)} of {len(corners_px)} corners stay in view from {start_s:g} "
             f"to {end_s:g} s, expected {count}"
         )
     scene, sample = key

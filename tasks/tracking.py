@@ -206,7 +206,7 @@ def tracking_sample(
         differ, or `T_0` is not 4 x 4.
     """
     if plane is None:
-        raise TaskError("tracking: needs a plane, and the scene has depth")
+        raise TaskError("tracking: needs a planar scene, but this one has depth")
     size = (events.height, events.width)
     for name, value, expected in (
         ("lens", camera.distortion, None),

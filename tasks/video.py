@@ -122,7 +122,7 @@ def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Floa
     """
     times = sequence.t_s
     if not times[0] <= t_s <= times[-1]:
-        raise TaskError(f"frames: found {times[0]:g} to {times[-1]:g} s, expected {t_s:g} s")
+        raise TaskError(f"the frames cover {times[0]:g} to {times[-1]:g} s, but not {t_s:g} s")
     after = int(np.searchsorted(times, t_s))
     later = np.log(sequence.frame(after).astype(np.float64) + dark_level)
     if times[after] == t_s:

@@ -36,7 +36,7 @@ def several(metavar: str, help: str) -> Any:
 def require(values: Sized, what: str) -> None:
     """Refuse a positional argument of which none is given."""
     if not values:
-        raise UsageError(f"no {what} given, expected at least one")
+        raise UsageError(f"give at least one {what}")
 
 
 def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:

@@ -112,7 +112,7 @@ class CameraOptions:
         """
         given = self.given
         if {"lux", "cutoff"} <= {*given}:
-            raise TaskError("lux, cutoff: found both, expected one of them")
+            raise TaskError("give --lux or --cutoff, not both")
         table = {name: value for name, value in given.items() if name in {*KEYS} - {"cutoff"}}
         named = {"sensor": "base", "electronics": "electronics"}
         table |= {word: given[name] for name, word in named.items() if name in given}
@@ -120,15 +120,15 @@ class CameraOptions:
         if camera.width is not None:
             if self.resolution is not None:
                 raise TaskError(
-                    f"sensor, resolution: found both, expected one of them; --resolution "
-                    f"{self.resolution} --electronics {self.sensor} has its pixels on another grid"
+                    f"give --sensor or --resolution, not both; --resolution {self.resolution} "
+                    f"--electronics {self.sensor} puts its pixels on another grid"
                 )
             return camera
         columns = usual_width if self.resolution is None else self.resolution
         if columns is None:
             raise TaskError(
-                "sensor, resolution: found no size, expected one of them: --sensor NAME, as in "
-                "`eres sensors`, a file with width and height, or --resolution WIDTH"
+                "the sensor has no size; give --sensor NAME (`eres sensors` lists names), a file "
+                "with width and height, or --resolution WIDTH"
             )
         return camera.on(columns, max(1, round(columns * height / width)))
 

@@ -71,7 +71,7 @@ def simulate(
     if isinstance(frames, Footage):
         for name, value in (("truth", truth), ("imu", imu.imu)):
             if value is not None:
-                raise TaskError(f"{path}: --{name} needs a rendered clip, found footage")
+                raise TaskError(f"{path}: is footage; --{name} needs a rendered clip")
         simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
         usual_width = frames.width
     else:
@@ -169,7 +169,7 @@ def info(
     if not path.exists():
         raise SequenceError(f"{path}: no such file or folder")
     if (format, reading) != (None, AS_STORED):
-        raise SequenceError(f"{path}: is a folder; the given options are for files of events")
+        raise SequenceError(f"{path}: is a folder; --format and read options need a file of events")
     sequence = open_sequence(path)
     manifest, camera = sequence.manifest, sequence.camera
     start_s, end_s = sequence.window_s
@@ -241,7 +241,7 @@ def view(
 
     require(sources, "source")
     if rerun == (out is not None):
-        raise UsageError("give either --out FILE, such as events.mp4, or --rerun")
+        raise UsageError("give --out FILE, such as events.mp4, or --rerun, but not both")
     with terminal.progress() as on_progress:
         write_view(
             sources,

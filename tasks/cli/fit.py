@@ -91,10 +91,10 @@ def fit(
     from tasks.rig.light import light_of_crop
 
     if out.suffix != ".toml":
-        raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
+        raise TaskError(f"{out}: expected a name that ends in .toml")
     check_new(out, overwrite, recording)
     if motion and frames.estimate_shift:
-        raise TaskError("give either --motion or --estimate-shift, which would hide the latency")
+        raise TaskError("give --motion or --estimate-shift, not both: a shift hides the latency")
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:
@@ -120,8 +120,8 @@ def fit(
     known = plain_camera(*size) if sensor is None else find_camera(sensor)
     known = known.on(*size) if known.width is None else known
     if known.size != size:
-        sizes = f"{known.width}x{known.height} px, and {recording} {size[0]}x{size[1]} px"
-        raise TaskError(f"sensor: {sensor} has {sizes}; give a camera of that size")
+        sizes = f"{known.width}x{known.height} px, but {recording} has {size[0]}x{size[1]} px"
+        raise TaskError(f"--sensor: {sensor} has {sizes}; choose a camera of the latter size")
     with terminal.progress() as on_progress:
         estimates = fitting.fit(events, replace(evidence, camera=known), on_progress)
     name, title = in_text(out.stem), in_text(title or known.title or recording.name)
@@ -170,7 +170,7 @@ def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterato
     dark, thresholds, motion = result.dark, result.thresholds, result.motion
     if dark is not None and dark.is_bound:
         share = f"{100 * known.dark_share:g} %"
-        yield f"dark level: only a bound, {dark} of white; the thresholds hold at {share}"
+        yield f"dark level: only a bound, {dark} of white; the thresholds assume {share}"
     if thresholds is not None and thresholds.unexplained > NOISY:
         yield (
             f"the thresholds leave {100 * thresholds.unexplained:.0f} % of the change of the light "
@@ -184,7 +184,7 @@ def _remarks(result: Found, known: EventCamera, shift_us: int | None) -> Iterato
             advice = ""
             if shift_us is not None:
                 option = f"--frames-shift-us {shift_us + round(motion.shift_us)}"
-                advice = f": if it is one, {option} removes it"
+                advice = f"; if it is a shift, {option} removes it"
             yield f"{motion.shift_sentence()}{advice}"
     if result.response is not None:
         early, middle, late = (f"{1e6 * t_s:.4g}" for t_s in result.response.first_event_s)

@@ -182,9 +182,9 @@ def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None
     from tasks.errors import TaskError
 
     if out.exists():
-        raise TaskError(f"{out}: exists already; write elsewhere")
+        raise TaskError(f"{out}: exists already; choose another name")
     if not math.isfinite(baseline):
-        raise TaskError(f"baseline: found {baseline:g} m, expected a finite distance")
+        raise TaskError(f"--baseline: found {baseline:g} m, expected a finite distance")
     loaded = load_scene(scene, trajectory)
     path = loaded.trajectory()
     end_s = continuous_stretch(loaded).t_window_end_s  # refused if longer than one can render

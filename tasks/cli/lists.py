@@ -49,7 +49,7 @@ def doctor() -> int:
         table.add_row(verdict.name, mark, remark)
     terminal.show(table)
     best = next((verdict.name for verdict in verdicts if verdict.works), None)
-    terminal.say(f"renders use: {best or 'nothing works'}\n")
+    terminal.say(f"renders use: {best or 'no variant, as none works'}\n")
 
     cache = cache_dir()
     free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free

@@ -395,7 +395,7 @@ def evaluate(
     for scene in dict.fromkeys(row.scene for row in rows):
         scored = {(row.task, row.sample) for row in rows if row.scene == scene}
         count, needed = min(Counter(task for task, _ in scored).values()), MIN_SAMPLES_FOR_INTERVAL
-        hint = f"; intervals need {needed}, so give more --places or longer strokes"
+        hint = f"; intervals need {needed}: use more --places or longer strokes"
         few = hint if count < needed else ""
         terminal.say(f"{scene}: {count} of {places} places at each speed{few}")
     terminal.say(f"{file}: {len(rows)} rows")

@@ -140,7 +140,7 @@ def study(
     from tasks.study.study_file import read_study
 
     if file is not None and preset is not None:
-        raise StudyError(f"give either {file} or --preset {preset}, and leave out the other")
+        raise StudyError(f"give {file} or --preset {preset}, not both")
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
     asked = changes.applied_to(chosen)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]

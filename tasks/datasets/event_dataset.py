@@ -125,7 +125,7 @@ class EventDataset:
         self.window_events = None if window_events is None else int(window_events)
         self.transform = transform
         if window_us is None and window_events is None:
-            _check_present(self.recordings, "flow", "give window_us or window_events, or add it")
+            _check_present(self.recordings, "flow", "add it, or give window_us or window_events")
         self._ends = list(accumulate(map(self._count, self.recordings)))
         if self._ends[-1] == 0:
             raise TaskError(f"{folder}: every recording is shorter than a window")
@@ -143,7 +143,7 @@ class EventDataset:
 
     def __getitem__(self, k: int) -> Item:
         if not -len(self) <= k < len(self):
-            raise IndexError(f"window {k} of {len(self)}")
+            raise IndexError(f"window: found {k}, but there are {len(self)} windows")
         k %= len(self)
         number = bisect_right(self._ends, k)
         recording = self.recordings[number]
@@ -194,7 +194,7 @@ def _checked_targets(
     for name in targets:
         if name not in TARGETS:
             raise TaskError(f"targets: found {name!r}, expected some of {', '.join(TARGETS)}")
-        _check_present(recordings, name, "add it, or give the targets that you want")
+        _check_present(recordings, name, "add it, or choose other targets")
     return targets
 
 
@@ -203,7 +203,7 @@ def _check_present(recordings: Sequence[DatasetRecording], target: str, advice: 
         still = target == "instances" and "depth" in recording.targets
         if target not in recording.targets and not still:
             place = "the rendered clip" if target == "frame" else "`eres simulate --truth`"
-            raise TaskError(f"{recording.path}: has no {target}; it comes from {place}; {advice}")
+            raise TaskError(f"{recording.path}: has no {target}, which needs {place}; {advice}")
 
 
 def _reader(path: Path) -> DsecReader:

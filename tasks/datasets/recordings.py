@@ -74,13 +74,13 @@ def find_recordings(folder: Path) -> list[DatasetRecording]:
     recordings = []
     for path in sorted(path for path in _below(folder, "*") if path.is_file()):
         if path.suffix == ".unfinished":
-            raise TaskError(f"{path}: is unfinished; delete it, or make its file again")
+            raise TaskError(f"{path}: is unfinished; delete it, or create the file again")
         if path.suffix.lower() in _DSEC:
             recordings.append(_open(path, clips))
         elif _is_of_another_format(path, clips):
             raise TaskError(
                 f"{path}: has no index of times; run `eres convert {path} "
-                f"{path.with_suffix('.h5')}` and move it elsewhere"
+                f"{path.with_suffix('.h5')}`, then move {path.name} elsewhere"
             )
     if not recordings:
         raise TaskError(
@@ -135,7 +135,7 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
         clip = open_sequence(file.parent)  # raises if something is missing
         key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
         if key in clips:
-            raise TaskError(f"{file.parent}: is the same clip as {clips[key]}; remove one of them")
+            raise TaskError(f"{file.parent}: is the same clip as {clips[key]}; remove one")
         clips[key] = file.parent
     return clips
 

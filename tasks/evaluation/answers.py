@@ -138,7 +138,7 @@ def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstim
         return TrackingEstimate(sample.initial, failure, answer.diagnostics)
     is_whole = path.duration_s >= least_s - _SAME_S
     text = f"a path of {path.duration_s:g} s"
-    _check(is_whole, *of_method, text, f"one of at least {least_s:g} s")
+    _check(is_whole, *of_method, text, f"a path of at least {least_s:g} s")
     return replace(answer, path=_copied(path))  # the method may have changed it after using it
 
 
@@ -164,7 +164,7 @@ def image_answer(
 
 def _check_failure(task: str, name: str, failure: Any) -> None:
     text = f"{_named(failure)} as failure"
-    _check(isinstance(failure, str), task, name, text, 'the reason, or "" for none')
+    _check(isinstance(failure, str), task, name, text, 'a str: the reason, or "" for none')
 
 
 def _check(holds: bool, task: str, name: str, answer: str, expected: str) -> None:
@@ -180,7 +180,7 @@ def _numbers(
     with suppress(Exception):  # lists of different lengths, or arrays of another library
         array = np.asarray(value)
     is_right = array.shape == shape and array.dtype.kind in "fiu"
-    expected = "two numbers" if shape == (2,) else f"an array of numbers of {shape}"
+    expected = "two numbers" if shape == (2,) else f"an array of numbers of shape {shape}"
     _check(is_right, task, name, f"{start}{_named(value)}", expected)
     return array
 
@@ -190,5 +190,5 @@ def _named(value: Any) -> str:
         return "None"
     kind = type(value).__name__
     if isinstance(value, np.ndarray):
-        return f"an array of {value.shape} {value.dtype}"
+        return f"an array of shape {value.shape} and type {value.dtype}"
     return f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"

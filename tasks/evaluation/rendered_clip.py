@@ -43,7 +43,7 @@ class RenderedClip(Source):
         if first_us > self.window.before_us + 1:
             start_s, end_s = sequence.window_s
             raise TaskError(
-                f"dense_flow: frames begin at {first_us * 1e-6 * self.speed:g} s, expected "
+                f"dense_flow: the frames begin at {first_us * 1e-6 * self.speed:g} s, expected "
                 f"{2 * start_s - end_s:g} s or earlier, one window before the scored one; render "
                 "clips, without --continuous, with a longer --warm-up"
             )
@@ -66,8 +66,8 @@ class RenderedClip(Source):
         count = round((end_s - start_s) / task.every_s)
         if count < 1:
             raise TaskError(
-                f"video: found {end_s - start_s:g} s of frames, expected at least "
-                f"{task.every_s:g} s, for one image"
+                f"video: found {end_s - start_s:g} s of frames, but one image needs "
+                f"{task.every_s:g} s"
             )
         times_s = np.linspace(start_s, end_s, count + 1)[1:].tolist()
         return Images(
@@ -80,7 +80,7 @@ class RenderedClip(Source):
         model, sequence = self.model, self.reference.sequence
         if other := unlike_two_poles(model):
             raise TaskError(
-                f"video, method {method!r}, which is about two poles: found {other}, expected "
+                f"video, method {method!r}: found {other}, but the method needs photoreceptor "
                 "'two_pole' with one cutoff"
             )
         light = dark_level_of(model), model.cutoff_hz, self.speed, model.fill_factor
@@ -101,9 +101,9 @@ class RenderedClip(Source):
         last_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
         if first_s < -1e-9 or end_s < last_s - 1e-9:
             raise TaskError(
-                f"tracking: the scene's path lasts from 0 to {end_s:g} s, expected at speed "
-                f"{speed:g} all of {first_s:g} to {last_s:g} s, the tracked path and a knot on "
-                "each side; lower the speed, or render clips, without --continuous"
+                f"tracking: the scene's path covers 0 to {end_s:g} s, but speed {speed:g} needs "
+                f"{first_s:g} to {last_s:g} s for the tracked path and a knot on each side; lower "
+                "the speed, or render clips, without --continuous"
             )
 
     def _check_frames(self, duration_us: int, delay_us: int) -> None:
@@ -113,8 +113,8 @@ class RenderedClip(Source):
         if duration_us + delay_us > shown_us + 1:
             delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
             raise TaskError(
-                f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window "
-                f"on, at speed {self.speed:g}, expected {1e-3 * duration_us:g} ms for the "
+                f"tracking: at speed {self.speed:g} the frames last {1e-3 * shown_us:g} ms from "
+                f"the start of the window, expected {1e-3 * duration_us:g} ms for the "
                 f"path{delayed}; lower the speed"
             )
 

@@ -56,4 +56,4 @@ class Setting:
 
     def __post_init__(self) -> None:
         if self.end_us <= self.start_us:
-            raise TaskError(f"speed: at {self.speed:g}, a window is shorter than a microsecond")
+            raise TaskError(f"speed: {self.speed:g} makes a window shorter than 1 us; lower it")

@@ -77,7 +77,7 @@ def evaluate_sequence(
     kind = "a rendered sequence" if planar else "a scene without [plane]"
     check_needs(task, scene.name, kind, ALL if planar else ALL - {"a plane"})
     if "a plane" in spec.needs and (lens := sequence.camera.distortion) is not None:
-        raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
+        raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole camera; found {lens}")
     settings = settings_of(task, names, weights)
     windows_before = max((stretch.windows_before for stretch in settings.plan()), default=0)
     truth = ground_truth(sequence)

@@ -269,7 +269,7 @@ class Tracking(TaskSettings):
 
     def __post_init__(self) -> None:
         if len({f"{sigma:g}" for sigma in self.sigmas_mm}) < len(self.sigmas_mm):
-            raise TaskError(f"tracking.sigmas_mm: found {self.sigmas_mm}, expected each once")
+            raise TaskError(f"tracking.sigmas_mm: found {self.sigmas_mm}, expected no duplicates")
 
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches(window_s=self.tracking_window_s or 0.0): self}
@@ -330,12 +330,12 @@ class Video(NetworkSettings):
 
     def __post_init__(self) -> None:
         if self.e2vid_window_s is not None and self.e2vid_events_per_px is not None:
-            raise TaskError("found e2vid_window_s and e2vid_events_per_px, expected one of them")
+            raise TaskError("give e2vid_window_s or e2vid_events_per_px, not both")
         scored_s = self.duration_s - self.run_in_s
         if self.every_s > 0 and not 0.5 < scored_s / self.every_s <= _MAX_IMAGES:
             raise TaskError(
-                f"every_s: found {self.every_s:g} s, expected 1 to {_MAX_IMAGES} images between "
-                f"run_in_s = {self.run_in_s:g} and duration_s = {self.duration_s:g}"
+                f"every_s: found {self.every_s:g} s, which must give 1 to {_MAX_IMAGES} images "
+                f"between run_in_s = {self.run_in_s:g} and duration_s = {self.duration_s:g}"
             )
 
     def plan(self) -> Mapping[Stretches, Self]:

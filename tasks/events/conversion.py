@@ -57,9 +57,9 @@ def convert(
     """
     source, out = Path(source), Path(out)
     if shift_us and from_start:
-        raise TaskError("give either --shift-us or --from-start")
+        raise TaskError("give --shift-us or --from-start, not both")
     if abs(shift_us) >= SHIFT_LIMIT_US:
-        raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
+        raise TaskError(f"--shift-us: found {shift_us}, expected between -2^62 and 2^62")
     header = read_header(source, format=input_format, topic=reading.topic)
     check_new(out, overwrite, source)
     to = find_format(out, format, new=True)

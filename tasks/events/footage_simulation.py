@@ -70,7 +70,7 @@ def simulate_footage(
     out = Path(out)
     check_new(out, options.overwrite, footage.path)
     if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
-        expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel a frame"
+        expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel per frame"
         raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
     _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
@@ -89,8 +89,8 @@ def simulate_footage(
         if far_px > _FAR_PX:
             least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
             _log.warning(
-                "things move by %.2g px of the sensor from frame to frame; on the packaged scenes "
-                "that loses %.0f to %.0f %% of the events. --interpolate auto brings most back",
+                "the image moves by %.2g px of the sensor from frame to frame; on the packaged "
+                "scenes that loses %.0f to %.0f %% of the events. --interpolate auto restores most",
                 far_px,
                 least,
                 most,

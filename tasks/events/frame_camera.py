@@ -83,7 +83,7 @@ def write_images(
     if out.exists() and not out.is_dir():
         raise TaskError(f"{out}: found a file, expected a folder")
     for file in (file for name in _IN_USE for file in out.glob(name)):
-        raise TaskError(f"{out}: contains {file.name} already; write elsewhere")
+        raise TaskError(f"{out}: contains {file.name} already; choose another folder")
     t_s = sequence.t_s / speed
     room_s = float(t_s[-1] - t_s[0]) - options.exposure
     if room_s < -1e-9:

@@ -53,7 +53,7 @@ class ImuOptions:
             if not 0 <= value < math.inf:
                 raise TaskError(f"{name}: found {value}, expected a number of at least 0")
             if rate_hz is None and value != getattr(NO_IMU, name):
-                raise TaskError(f"{name}: {value} needs an IMU, --imu HZ")
+                raise TaskError(f"--{name.replace('_', '-')} {value} needs an IMU, --imu HZ")
 
 
 NO_IMU = ImuOptions()

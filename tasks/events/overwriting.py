@@ -21,12 +21,12 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     clear_unfinished(path.parent, path.name)
     for source in sources:
         if path.exists() and source.exists() and _is_read(path, source):
-            raise TaskError(f"{path}: is the input {source}; write elsewhere")
+            raise TaskError(f"{path}: would overwrite the input {source}; choose another name")
     if os.path.lexists(path) and not path.is_dir():
         if not overwrite:
             raise TaskError(f"{path}: exists already; add --overwrite to replace it")
         if path.exists() and not path.is_file():
-            raise TaskError(f"{path}: found a device or a pipe, expected a file or a new name")
+            raise TaskError(f"{path}: is a device or a pipe; choose another name")
 
 
 def _is_read(path: Path, source: Path) -> bool:

@@ -105,7 +105,7 @@ def warn_of_fill_factor(frames: RadianceFrames, model: SensorModel) -> None:
     along = (columns.stop - columns.start) / model.width
     if model.fill_factor < 1 and 1 <= along < _SAMPLES_ALONG:  # less than 1 is refused later
         _log.warning(
-            "fill factor %g has %s effect: a pixel is %.2g px of the frames wide, and needs %d",
+            "fill factor %g has %s effect: a sensor pixel spans %.2g px of the frames and needs %d",
             model.fill_factor,
             "no" if along == 1 else "little",
             along,
@@ -125,8 +125,8 @@ def seen_part(frames: RadianceFrames, path: Path, model: SensorModel) -> tuple[s
     height, width = rows.stop - rows.start, columns.stop - columns.start
     if model.height > height or model.width > width:
         raise TaskError(
-            f"{path}: the sensor has {model.width}x{model.height} px, and sees {width}x{height} px "
-            f"of frames of {frames.width}x{frames.height} px; choose a smaller sensor"
+            f"{path}: the sensor has {model.width}x{model.height} px, but sees {width}x{height} px "
+            f"of {frames.width}x{frames.height} px frames; choose a sensor with fewer pixels"
         )
     return rows, columns
 
@@ -300,6 +300,6 @@ def _check_end(frames: RadianceFrames, out: Path, options: SimulationOptions) ->
         able = [each for each in FORMATS.values() if each.write and last_us < end_us(each)]
         suffixes = dict.fromkeys(suffix for each in able for suffix in each.suffixes[:1])
         raise TaskError(
-            f"{out}: frames last until {last_us} us, and {chosen.title} ends before "
-            f"{end_us(chosen)} us; use {', '.join(suffixes)}"
+            f"{out}: the frames last until {last_us} us, but {chosen.title} stores only times "
+            f"below {end_us(chosen)} us; use {', '.join(suffixes)}"
         )

@@ -69,7 +69,7 @@ def compare(
     start_us, end_us = part.counted_us
     real = events.between(start_us, end_us)
     if not len(real):
-        raise TaskError(f"check: the held-out half, {start_us} to {end_us} us, has no events")
+        raise TaskError(f"--check: the held-out half, {start_us} to {end_us} us, has no events")
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(part.light, start=1):

@@ -105,7 +105,7 @@ def sweep_dark(
 
     count(0, events.between(start_us, end_us))
     if (total := int(counts[0].sum())) < _LEAST:
-        raise TaskError(f"dark: found {total} events, expected at least {_LEAST}; give --dark")
+        raise TaskError(f"dark level: found {total} events, needs at least {_LEAST}; give --dark")
     brightness = np.zeros(pixels)
 
     def frames() -> Iterator[NDArray[np.float32]]:

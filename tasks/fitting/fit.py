@@ -83,18 +83,18 @@ class Evidence:
         steps = self.rises_us is not None
         start_s, end_s = self.still_s or (0.0, 1.0)
         dark = 0.5 if self.dark_share is None else self.dark_share
-        stretch = f"still: found {start_s:g} to {end_s:g} s"
+        stretch = f"--still: found {start_s:g} to {end_s:g} s"
         is_stretch = 0 <= start_s < end_s and math.isfinite(1e6 * end_s)
         is_something = self.still_s is not None or lights or steps
         no_motion = steps or not lights
         mistakes = {
-            "give either --frames or --crop": lights == 2,
+            "give --frames or --crop, not both": lights == 2,
             "nothing to fit: give --still, --frames, --crop or --steps": not is_something,
             f"{stretch}, expected a start of at least 0 and a later, finite end": not is_stretch,
-            "--motion needs --frames or --crop, and no --steps": self.motion and no_motion,
+            "--motion needs --frames or --crop, without --steps": self.motion and no_motion,
             "--check needs --frames or --crop": self.check != "none" and not lights,
             "--dark needs --frames or --crop": self.dark_share is not None and not lights,
-            f"dark: found {dark:g}, expected a share of white in (0, 1)": not 0 < dark < 1,
+            f"--dark: found {dark:g}, expected a share between 0 and 1": not 0 < dark < 1,
         }
         for message, applies in mistakes.items():
             if applies:
@@ -189,7 +189,7 @@ class Found:
         if self.noise is not None:
             still = f"{recording}: a still stretch, in its light"
             twice = f"{still}: twice the OFF events"
-            constant = "0, as the shot noise is that of the light of the recording"
+            constant = "0: the shot noise is given for the light of the recording"
             values["leak"] = Fitted(self.noise.leak_hz, "Hz", f"{still}: surplus of ON events")
             values["shot_noise"] = Fitted(self.noise.shot_noise_hz, "Hz", twice)
             values["shot_noise_exponent"] = Fitted(0.0, "", constant, "given")
@@ -273,17 +273,17 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
     if evidence.still_s is not None:
         start_us, end_us = (int(events.t_us[0]) + round(1e6 * t_s) for t_s in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
-            length = f"{1e-6 * int(events.t_us[-1] - events.t_us[0]):.6f} s long"
-            end = f"still: found an end of {evidence.still_s[1]:g} s"
-            raise TaskError(f"{end}, but the recording is {length}")
+            length = f"{1e-6 * int(events.t_us[-1] - events.t_us[0]):.6f} s"
+            end = f"--still: found an end of {evidence.still_s[1]:g} s"
+            raise TaskError(f"{end}, but the recording lasts only {length}")
         quiet = events.between(start_us, end_us)
         noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))
         result = replace(result, noise=noise)
         alike = neighbors_together(quiet, noise.hot) if len(quiet) else 0.0
         if abs(alike) > _TOGETHER:
             _log.warning(
-                "still: events of neighboring pixels are correlated (%.2f), as if something moved "
-                "or the light flickered; noise is independent, so its rates come out too high",
+                "--still: events of neighboring pixels are correlated (%.2f), unlike noise, as if "
+                "something moved or the light flickered; the noise rates may be too high",
                 alike,
             )
     if evidence.rises_us is not None:

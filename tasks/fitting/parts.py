@@ -62,8 +62,8 @@ def parts_of(
     if check == "none":
         return _part(light, 0, last), None
     if last + 1 < _LEAST:
-        frames = f"check: found {last + 1} frames within the time of the events"
-        raise TaskError(f"{frames}, expected {_LEAST} or more; --check none fits all of them")
+        frames = f"--check: found {last + 1} frames within the time of the events"
+        raise TaskError(f"{frames}, expected at least {_LEAST}; --check none skips the check")
     middle = last // 2
     if check == "first":
         return _part(light, middle, last), _part(light, 0, middle)

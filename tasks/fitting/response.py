@@ -110,8 +110,8 @@ class _Answers(NamedTuple):
 
 def _answers(events: Events, rises_us: Int64) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        times = f"steps: found {len(rises_us)} times"
-        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, increasing")
+        times = f"--steps: found {len(rises_us)} times"
+        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, each after the previous one")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)
@@ -123,17 +123,16 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
     lit = ((early >= len(rises_us)) & (late <= _LATE * early))[pixel]
     if len(lit) and not lit.any():
         raise TaskError(
-            "steps: no pixel fires after a step and falls silent before the next; the steps of the "
-            "light are too small, too close, or at other times"
+            "--steps: no pixel fires after a step and falls silent before the next; the steps of "
+            "the light are too small, too close together, or at other times"
         )
     since_us, pixel, step = since_us[lit], pixel[lit], step[lit]
     answering, place = np.unique(pixel, return_inverse=True)
     trials = len(answering) * len(rises_us)
     if len(since_us) < _MIN_EVENTS * max(trials, 1):
-        mean = (
-            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step"
-        )
-        raise TaskError(f"{mean}, expected at least {_MIN_EVENTS:g}; larger steps help")
+        mean = f"{len(since_us) / max(trials, 1):.2g} ON events per pixel and step"
+        least = f"expected at least {_MIN_EVENTS:g}; larger steps help"
+        raise TaskError(f"--steps: found {mean}, {least}")
     tile = tiles_of(answering // events.width, answering % events.width, events.width)
     return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
 
@@ -164,8 +163,8 @@ def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
         ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
     if len(inside) < _MIN_STEPS:
-        answered = f"has the answers to {len(inside)} of {len(rises_us)} steps"
-        span = f"steps: the recording, {first_us} to {last_us} us, {answered}"
+        answered = f"covers the response to {len(inside)} of {len(rises_us)} steps"
+        span = f"--steps: the recording, {first_us} to {last_us} us, {answered}"
         raise TaskError(f"{span}, expected at least {_MIN_STEPS}")
     return inside
 
@@ -186,8 +185,8 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
 
     whole = mean_events(np.ones(tiles))
     if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
-        times = f"steps: found {points} different times of events after a step"
-        raise TaskError(f"{times}, expected at least {_MIN_POINTS}; record finer times")
+        times = f"--steps: found {points} different times of events after a step"
+        raise TaskError(f"{times}, expected at least {_MIN_POINTS}; record with finer times")
     fits = {order: _fit(t_s, whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda order: fits[order].cost)
     absorbed = None if order == 2 else _ABSORBED
@@ -200,7 +199,7 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     # Tiles with little light may be drawn alone.
     curves = [curve for curve in map(mean_events, draws) if np.sum(curve >= _FROM) >= _MIN_POINTS]
     if len(curves) < _DRAWS / 2:
-        raise TaskError("steps: too few pixels have several ON events after a step")
+        raise TaskError("--steps: too few pixels have several ON events after a step")
     drawn = [_fit(t_s, curve, order, _FROM, absorbed, best)[:2] for curve in curves]
     low, high = np.percentile(np.array(drawn), (2.5, 97.5), axis=0).tolist()
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]

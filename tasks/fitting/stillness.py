@@ -73,7 +73,7 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
         The stretch has no length.
     """
     if not seconds > 0:
-        raise TaskError(f"still: found {seconds:g} s, expected a stretch of some length")
+        raise TaskError(f"--still: found {seconds:g} s, expected a duration above 0")
     total = on.astype(np.int64) + off
     hot = np.zeros(total.shape, bool)
     for _ in range(_PASSES):

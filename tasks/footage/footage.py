@@ -125,7 +125,7 @@ def open_footage(
         files = images.list_images(path)
         t_ns = images.times_ns(path, files, fps, time_unit)
         if images.has_transparency(files[0], layer):
-            _log.warning("%s: transparency is left out: hidden pixels are seen", path)
+            _log.warning("%s: transparency is ignored; transparent pixels become visible", path)
         coded = partial(images.read_images, files, layer)
         usual = "srgb"
     else:
@@ -144,7 +144,7 @@ def open_footage(
     luminance = Luminance(encoding)
     mender = None
     if first.dtype.kind == "f":
-        mender = Mender(white, repair, "; --repair replaces it by the median of its neighbors")
+        mender = Mender(white, repair, "; --repair replaces them with their neighbors' median")
 
     def frames() -> Iterator[Float32]:
         light = map(luminance, coded())

@@ -41,7 +41,7 @@ def list_images(folder: Path) -> list[Path]:
     files = [file for file in named if file.suffix.lower() in _KINDS]
     kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
     if len(kinds) > 1:
-        raise TaskError(f"{folder}: expected one kind of images, found {' and '.join(kinds)}")
+        raise TaskError(f"{folder}: found {' and '.join(kinds)}, expected images of one kind")
     if len(files) < 2:
         raise TaskError(
             f"{folder}: found {len(files)} images, expected at least two PNG, JPEG, TIFF or EXR"
@@ -50,7 +50,7 @@ def list_images(folder: Path) -> list[Path]:
     for first, second in zip(by_whole, by_decimal, strict=True):
         if first != second:
             raise TaskError(
-                f"{folder}: the order of {first.name} and {second.name} is unclear; use integers"
+                f"{folder}: {first.name} and {second.name} have no clear order; use whole numbers"
             )
     return by_whole
 
@@ -120,16 +120,16 @@ def times_ns(
     """
     file = folder / _TIMES
     if fps is None and not file.exists():
-        raise TaskError(f"{folder}: no times: give --fps, such as --fps 240, or add {_TIMES}")
+        raise TaskError(f"{folder}: has no times; give --fps, such as --fps 240, or add {_TIMES}")
     if fps is not None:
         if file.exists() or time_unit is not None:
             other = _TIMES if file.exists() else "--time-unit"
-            raise TaskError(f"{folder}: --fps and {other} exclude each other")
+            raise TaskError(f"{folder}: give --fps or {other}, not both")
         _check_complete(files)
         return [round(k * 1e9 / fps) for k in range(len(files))]
     times = _read_times(file, time_unit, option)
     if len(times) != len(files):
-        raise TaskError(f"{file}: found {len(times)} times for {len(files)} images")
+        raise TaskError(f"{file}: {len(times)} times for {len(files)} images; expected one each")
     return times
 
 
@@ -143,7 +143,7 @@ def _check_complete(files: list[Path]) -> None:
     gaps = [*np.flatnonzero(steps <= 0), *np.flatnonzero(steps > np.min(steps))]
     if gaps:
         before, after = files[gaps[0] : gaps[0] + 2]
-        raise TaskError(f"{after}: follows {before.name}; number images evenly, or add {_TIMES}")
+        raise TaskError(f"{after}: uneven number after {before.name}; renumber, or add {_TIMES}")
 
 
 def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
@@ -151,7 +151,7 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
     if stated and time_unit and stated[1] != time_unit:
-        raise TaskError(f"{file}: the times are in {stated[1]}, not in {option} {time_unit}")
+        raise TaskError(f"{file}: states the unit {stated[1]}, but {option} is {time_unit}")
     unit = time_unit or (stated and stated[1])
     if unit is None or unit not in TIME_UNITS:
         raise TaskError(
@@ -169,7 +169,7 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
             if not times or time > times[-1]:
                 times.append(int(np.int64(time)))  # an error beyond 292 years
                 continue
-        raise TaskError(f"{file}:{k}: {text!r} is not a time after that of the line before")
+        raise TaskError(f"{file}:{k}: found {text!r}, expected a time after the previous one")
     return times
 
 
@@ -203,7 +203,7 @@ def _read(file: Path, layer: str | None) -> NDArray[np.generic]:
         return read_luminance(file, layer=layer)
     second = _tiff_tags(file, 1) if kind == "tiff" else {}
     if second and not second.get(_SUBFILE, 0) & _REDUCED_OR_MASK:  # others would be left out
-        raise TaskError(f"{file}: holds several images; store each in a file of its own")
+        raise TaskError(f"{file}: contains several images; store each in its own file")
     data = file.read_bytes()
     image: NDArray[np.generic] | None = None
     if kind == "tiff" and _is_straight(file):
@@ -214,7 +214,7 @@ def _read(file: Path, layer: str | None) -> NDArray[np.generic]:
         image = cv2.imdecode(codes, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if image is None:
         raise TaskError(
-            f"{file}: {len(data)} bytes are not a complete {kind.upper()} image that OpenCV reads"
+            f"{file}: is not a complete {kind.upper()} image that OpenCV reads ({len(data)} bytes)"
         )
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")

@@ -62,10 +62,10 @@ def coding_of(
     if first.dtype.kind != "f":
         return given or usual, 1.0
     if given not in (None, "linear"):
-        raise TaskError(f"{path}: floats are linear, but the encoding is {given}")
+        raise TaskError(f"{path}: images of floats are linear; leave out --encoding {given}")
     light = Luminance("linear")(first)
     finite = light[np.isfinite(light)]
     white = white_level(finite) if finite.size else 0.0
     if white <= 0:
-        raise TaskError(f"{path}: the first frame is black or not finite; it defines white")
+        raise TaskError(f"{path}: the first frame defines white, but is black or not finite")
     return "linear", white

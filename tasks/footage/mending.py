@@ -60,7 +60,7 @@ class Mender:
         if invalid and not (self._repair and valid.any()):
             y, x = np.argwhere(~valid)[0]
             raise TaskError(
-                f"{file}: {light[y, x]:g} at pixel x={x} y={y} is no light; {invalid} of "
+                f"{file}: {light[y, x]:g} at pixel x={x} y={y} is invalid; {invalid} of "
                 f"{light.size} pixels are negative or not finite"
                 f"{'' if self._repair else self._advice}"
             )
@@ -74,12 +74,12 @@ class Mender:
     def warn(self, footage: Path) -> None:
         """Warn of the pixels that were mended, if there were any."""
         for counts, what in (
-            (self._black, "a little below 0, and are black"),
-            (self._repaired, "not finite, or below 0, and have the median of their neighbors"),
+            (self._black, "slightly below 0, and become black"),
+            (self._repaired, "not finite or below 0, and get the median of their neighbors"),
         ):
             if counts:
                 number = sum(counts.values()), len(counts)
-                _log.warning("%s: %d pixels of %d frames were %s", footage, *number, what)
+                _log.warning("%s: %d pixels in %d frames were %s", footage, *number, what)
 
 
 def _filled(light: Float32) -> Float32:

@@ -38,10 +38,10 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
         av.open(str(path.absolute()), metadata_errors="replace") as container,
     ):
         if not container.streams.video:
-            raise TaskError(f"{path}: holds no video")
+            raise TaskError(f"{path}: contains no video")
         stream = container.streams.video[0]
         if stream.codec_context is None or stream.codec_context.format is None:
-            raise TaskError(f"{path}: this build of FFmpeg lacks its codec or pixel format")
+            raise TaskError(f"{path}: this FFmpeg cannot decode its codec or pixel format")
         stream.thread_type = "AUTO"
         yield container, stream
 
@@ -71,13 +71,13 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     if timed:
         times = _from_first_shown(sorted(times), path)
     if len(times) < 2:
-        raise TaskError(f"{path}: found {len(times)} frames, expected two or more")
+        raise TaskError(f"{path}: frames: found {len(times)}, expected at least 2")
     if timed and stated_us is not None:
         _warn_if_short([(t - start) * tick_s for t in times], stated_us / 1e6, path)
     if fps is not None:
         return [round(k * 1e9 / fps) for k in range(len(times))]
     if not timed or len(set(times)) < len(times):
-        raise TaskError(f"{path}: some frames have no time of their own; give --fps")
+        raise TaskError(f"{path}: some frames have no time, or the same time; give --fps")
     return _unrounded_ns(times, tick_s, [Fraction(rate) for rate in rates if rate], path)
 
 
@@ -93,7 +93,7 @@ def _from_first_shown(times: list[int], path: Path) -> list[int]:
         return times
     skipped = bisect_left(times, first.pts)
     if skipped:
-        message = "%s: its first %d frames need others from before a cut; they are left out"
+        message = "%s: the first %d frames are skipped, as they need frames from before a cut"
         _log.info(message, path, skipped)
     return times[skipped:]
 
@@ -118,8 +118,8 @@ def _unrounded_ns(
         even = [round((start_s + k / rate) * 10**9) for k in range(len(times))]
         if even != stored:
             _log.info(
-                "%s: times are rounded to %.3g ms; they are taken as even, at the %.6g frames per "
-                "second of the file",
+                "%s: the stored times are rounded to %.3g ms, and are replaced by even times at "
+                "%.6g frames per second",
                 path,
                 tick_ms,
                 float(rate),
@@ -128,8 +128,8 @@ def _unrounded_ns(
     share = 1 / float(np.median(np.diff(since)))
     if share > _COARSE and rates[0] * tick_s != 1:  # AVI counts frames
         _log.warning(
-            "%s: times are rounded to %.3g ms, %.0f %% of the time between frames, and fit no even "
-            "rate of the file; events are up to %.3g ms off. A container with finer times, such as "
+            "%s: times are rounded to %.3g ms, %.0f %% of the time between frames, and fit no "
+            "constant rate; events are up to %.3g ms off. A container with finer times, such as "
             "MP4, avoids that",
             path,
             tick_ms,
@@ -173,9 +173,9 @@ def tagged_encoding(path: Path, encoding: str | None) -> str:
         name = _OTHER_CURVES[curve]
         raise TaskError(f"{path}: is encoded with {name}; convert it to BT.709 or give --encoding")
     if transparent:
-        _log.warning("%s: transparency is left out: hidden pixels are seen", path)
+        _log.warning("%s: transparency is ignored; transparent pixels become visible", path)
     if ratio and ratio != 1:
-        _log.warning("%s: pixels %s as wide as high are taken as square", path, ratio)
+        _log.warning("%s: pixels %s times as wide as high are treated as square", path, ratio)
     return _CURVES.get(curve, "rec709")
 
 
@@ -205,7 +205,7 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
             height, width = numbers.shape[:2]
             size = size or (width, height)
             if (width, height) != size:
-                raise TaskError(f"{path}: frame {k}: {width}x{height} px differ from frame 1")
+                raise TaskError(f"{path}: frame {k} has {width}x{height} px, unlike frame 1")
             yield numbers
     if k != count:
         raise TaskError(f"{path}: decoded {k} frames, expected {count}; the video is damaged")

@@ -35,9 +35,9 @@ def _complete(settings: DatasetSettings, number: int, place: str, code: str) -> 
     """Make a sequence on a worker, if it has the same code and sees the same folder."""
     out, here = Path(place), version(DISTRIBUTION)
     if here != code:
-        raise TaskError(f"worker on {socket.gethostname()}: has eres {here}, not {code}")
+        raise TaskError(f"worker on {socket.gethostname()}: has eres {here}, expected {code}")
     if not (out / FILE_NAME).is_file():
-        raise TaskError(f"worker on {socket.gethostname()}: does not see the folder {out}")
+        raise TaskError(f"worker on {socket.gethostname()}: cannot see the folder {out}")
     if sequence_folder(out, number).is_dir():  # by a worker that died before it said so
         return
     claim_folder(settings, out)

@@ -181,12 +181,12 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
-                    f"{file}: {name}: found {old.get(name)!r}, not {table.get(name)!r}; give the "
-                    "same options, or another folder"
+                    f"{file}: {name} is {old.get(name)!r} in this folder, but {table.get(name)!r} "
+                    "was requested; use the same options, or choose another folder"
                 )
         return
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
-        raise TaskError(f"{out}: holds other files; give a new folder, or that of a dataset")
+        raise TaskError(f"{out}: contains other files; choose a new folder, or one of a dataset")
     write_text(file, json.dumps(table, indent=1) + "\n")
 
 

@@ -55,8 +55,8 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     except ValueError:
         numbers = np.empty(0)
     if len(numbers) not in (8, 9) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
-        names = f"{' '.join(_NAMES)}, where k3 may be missing"
-        raise TaskError(f"{path}: found {len(text)} words, expected the numbers {names}")
+        names = f"{' '.join(_NAMES)} (k3 is optional; fx and fy are above 0)"
+        raise TaskError(f"{path}: found {len(text)} words, expected the finite numbers {names}")
     for name, center, side in zip(("cx", "cy"), numbers[2:4], size, strict=True):
         middle = (side - 1) / 2
         if abs(center - middle) > _FARTHEST * side:

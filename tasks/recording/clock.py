@@ -141,23 +141,23 @@ def on_one_clock(
     shift = estimate_shift(recording, frames)
     if shift is None:
         if shift_us is None:
-            tried = "shift of the frames between -20 and 20 ms that fits the events best"
+            found = "no shift of the frames between -20 and 20 ms fits the events best"
             if not inside(recording, frames, REACH_US):
-                tried = "two frames in a row that are 20 ms or more within the events"
-            raise TaskError(f"{recording.path}: found no {tried}; give --frames-shift-us")
+                found = "no two successive frames lie at least 20 ms inside the events"
+            raise TaskError(f"{recording.path}: {found}; give --frames-shift-us")
         return frames
     after, before = (f"{100 * x:.0f} %" for x in (shift.unexplained, shift.unexplained_before))
     if shift_us is None:
-        rest = f"events then leave {after} of their change unexplained, {before} without"
+        rest = f"the events leave {after} of their change unexplained, {before} without the shift"
         notes.append(f"frames: {_ms(shift.shift_us)} as estimated; {rest}")
         frames = frames.later(shift.shift_us)
         check_frames(recording, frames)
     elif shift.matters:
         given = f"--frames-shift-us {shift_us + shift.shift_us}"
         option = given if shift_us else "--estimate-shift"
-        rest = f"{after} of their change unexplained, not {before}"
+        rest = f"{after} of their change stays unexplained, instead of {before}"
         best = f"clocks: the frames fit the events best {_ms(shift.shift_us)} ({rest})"
-        notes.append(f"{best}; not done, {option} does it")
+        notes.append(f"{best}; {option} applies this shift")
     return frames
 
 

@@ -98,7 +98,7 @@ def evaluate_recording(
         check_needs(task, recording.path, "a recording without --frames", has - {"frames"})
     if "frames" in spec.needs and flow != USUAL_FLOW:
         raise TaskError(
-            f"{recording.path}: {spec.title} has no windows or patches; leave out their options"
+            f"{recording.path}: {spec.title} uses no windows or patches; leave out their options"
         )
     names = _methods(recording, task, methods, frames, weights)
     settings = settings_of(task, names, weights)
@@ -191,8 +191,8 @@ def _thresholds(
     if "a change" in needs:
         worth, unexplained = worth_of_events(recording, frames)
         notes.append(
-            f"an ON event is worth {worth.on:.3f}, an OFF event {worth.off:.3f} between two "
-            f"frames, fitted to them; {100 * unexplained:.0f} % of their change stays unexplained"
+            f"an ON event is worth {worth.on:.3f} and an OFF event {worth.off:.3f} of log light, "
+            f"fitted to the frames; {100 * unexplained:.0f} % of their change stays unexplained"
         )
         return worth
     try:

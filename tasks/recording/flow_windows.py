@@ -98,7 +98,7 @@ def check(options: FlowOptions) -> None:
         value = getattr(options, name)
         if value is not None and not least <= value < math.inf:
             option = name.replace("_", "-")
-            raise TaskError(f"{option}: found {value:g}, expected at least {least:g}")
+            raise TaskError(f"--{option}: found {value:g}, expected at least {least:g}")
 
 
 def windows_of(
@@ -138,15 +138,15 @@ def windows_of(
     if with_before:
         windows = [each for each in windows if each[0].before_us >= recording.start_us]
         if not windows:
-            needed = "events for as long before it, which dense flow needs"
-            raise TaskError(f"{recording.path}: no window between frames has {needed}")
+            needed = "dense flow needs events for a window's length before the window"
+            raise TaskError(f"{recording.path}: {needed}, but no window between frames has them")
     return [windows[i] for i in spread(range(len(windows)), options.windows)]
 
 
 def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
     """Return windows of equal length, spread over a recording, but not the first `first` ones."""
     if options.window_ms is None:
-        raise TaskError("give --window-ms, or frames")
+        raise TaskError("give --window-ms or --frames")
     length_us = round(1e3 * options.window_ms)
     whole = (recording.end_us - recording.start_us) // length_us
     if whole <= first:

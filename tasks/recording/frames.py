@@ -108,7 +108,7 @@ class RecordedFrames:
         light = self._in_units_of_white(file, next(read_images([file])))
         if light.shape != self._shape:
             size, first = ("{1}x{0} px".format(*shape) for shape in (light.shape, self._shape))
-            raise TaskError(f"{file}: found {size}, expected {first} like {self.files[0].name}")
+            raise TaskError(f"{file}: found {size}, expected {first} as in {self.files[0].name}")
         return light
 
     def log_light(self, k: int) -> NDArray[np.float64]:
@@ -171,16 +171,16 @@ def open_frames(
     if not folder.is_dir():
         raise TaskError(f"{folder}: no such folder of frames")
     if exposure_us is not None and exposure_us < 0:
-        raise TaskError(f"exposure-us: found {exposure_us}, expected 0 or more")
+        raise TaskError(f"--exposure-us: found {exposure_us}, expected 0 or more")
     names = FILE_NAME, "images.txt", "timestamps.txt"
     source = next((folder / name for name in names if (folder / name).exists()), None)
     if source is None:
-        columns = ",".join(COLUMNS)
-        raise TaskError(f"{folder}: has no {FILE_NAME} ({columns}), images.txt or timestamps.txt")
+        listed = f"{FILE_NAME} ({','.join(COLUMNS)}), images.txt or timestamps.txt"
+        raise TaskError(f"{folder}: needs one of {listed}, and has none")
     if source.name == FILE_NAME:
         for name, given in (("frames-time-unit", time_unit), ("exposure-us", exposure_us)):
             if given is not None:
-                raise TaskError(f"{source}: states its times; leave out --{name} {given}")
+                raise TaskError(f"{source}: already states the times; leave out --{name} {given}")
         exposures = read_exposures(folder)
         files = [folder / exposure.file for exposure in exposures]
         times_us = [(exposure.start_us, exposure.end_us) for exposure in exposures]
@@ -199,7 +199,8 @@ def open_frames(
         t_us = [round(t / 1000) for t in t_ns]
     if exposure_us is None:
         logger.warning(
-            "%s: does not state exposures; the frames are taken as instants (--exposure-us)", source
+            "%s: states no exposures; frames count as instants unless --exposure-us is given",
+            source,
         )
     return _checked(source, files, [(t, t + (exposure_us or 0)) for t in t_us], encoding)
 
@@ -209,15 +210,15 @@ def _checked(
 ) -> RecordedFrames:
     """Return frames with the start and the end of each exposure."""
     if len(files) < 2:
-        raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
+        raise TaskError(f"{source}: frames: found {len(files)}, expected at least 2")
     before = -_LIMIT_US, -_LIMIT_US
     for file, (start, end) in zip(files, times_us, strict=True):
         if not file.is_file():
-            raise TaskError(f"{source}: names {file.name}, but there is no file {file}")
+            raise TaskError(f"{source}: lists {file.name}, but there is no file {file}")
         possible = {
-            "less than 2^61 us from 0": max(abs(start), abs(end)) < _LIMIT_US,
+            "times between -2^61 and 2^61 us": max(abs(start), abs(end)) < _LIMIT_US,
             f"a start after {before[0]} us": start > before[0],
-            "a middle after that of the frame before": start + end > sum(before),
+            f"a middle after {sum(before) / 2:.1f} us": start + end > sum(before),
         }
         for expected, is_possible in possible.items():
             if not is_possible:
@@ -227,7 +228,7 @@ def _checked(
     start_us, end_us = np.array(times_us, np.int64).T
     coding = coding_of(next(read_images([files[0]])), encoding, "srgb", files[0])
     if has_transparency(files[0]):
-        logger.warning("%s: transparency is left out: hidden pixels are seen", source)
+        logger.warning("%s: transparency is ignored; transparent pixels become visible", source)
     return RecordedFrames(tuple(files), start_us, end_us, *coding)
 
 

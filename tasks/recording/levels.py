@@ -68,7 +68,7 @@ def busiest(parts: Iterable[Events], frames: RecordedFrames) -> RecordedFrames:
     within = np.flatnonzero((t_us >= min(ends_us, default=0)) & (t_us <= max(ends_us, default=-1)))
     if len(within) < 3:
         number = f"found {len(within)} frames within the time of the events"
-        raise TaskError(f"{frames.files[0].parent}: {number}, expected three or more")
+        raise TaskError(f"{frames.files[0].parent}: {number}, expected at least 3")
     length = min(_MAX_FRAMES, len(within)) - 1
     until = np.concatenate([[0], np.cumsum(count[within[:-1]])])
     start = within[0] + int(np.argmax(until[length:] - until[:-length]))
@@ -263,8 +263,8 @@ def levels_of(
     settled &= bright < _SATURATED * rows.max(initial=0.0)
     used_events = settled & ((pixel + rank // _BLOCK) % thinning == 0)
     if used_events.sum() < _LEAST:
-        within = f"found {used_events.sum()} events within their time"
-        raise TaskError(f"frames: {within}, expected at least {_LEAST}; is the clock the same?")
+        usable = f"found {used_events.sum()} usable events during the frames"
+        raise TaskError(f"{usable}, expected at least {_LEAST}; do the clocks agree?")
     group = pixel * (1 + len(pixel)) + rank // _BLOCK
     return Levels(
         light_us=light_us,

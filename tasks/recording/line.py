@@ -95,6 +95,6 @@ def solved(total: NDArray[np.float64]) -> NDArray[np.float64]:
 def misfit() -> TaskError:
     """Return the error of events from which no thresholds follow."""
     return TaskError(
-        "thresholds: the changes of the light do not fit the events; frames must be on the clock "
-        "of the events, and the light must rise and fall"
+        "thresholds: the change of the light does not match the events; frames and events must "
+        "share one clock, and the light must rise and fall"
     )

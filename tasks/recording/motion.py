@@ -130,8 +130,8 @@ def fit_motion(
     start_us = best_delay_us(levels)
     if start_us < -_EARLY * levels.settling_us:
         raise TaskError(
-            f"motion: found events {-start_us:.0f} us before their light, expected them after it: "
-            "do the clocks of frames and events agree?"
+            f"motion: events precede the light that causes them by {-start_us:.0f} us; do the "
+            "clocks of frames and events agree?"
         )
     fits = {poles: _Fit(levels, poles, start_us) for poles in (1, 2)}
     (better,) = bootstrap((fits[1].costs - fits[2].costs)[:, None], lambda total: total)
@@ -276,9 +276,9 @@ class _Fit:
         if self._x[0] > _AT_MOST * most_us:
             light_us = self._levels.light_us
             raise TaskError(
-                f"{asked}: found events {1e-3 * most_us:.3g} ms or more after their light, a "
-                f"twentieth of the {1e-3 * float(light_us[-1] - light_us[0]):.4g} ms of it, "
-                "expected less: give a longer stretch of frames"
+                f"{asked}: events follow the light by {1e-3 * most_us:.3g} ms or more, a twentieth "
+                f"of the {1e-3 * float(light_us[-1] - light_us[0]):.4g} ms that the frames last; "
+                "give a longer stretch of frames"
             )
 
     @property

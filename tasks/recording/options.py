@@ -46,10 +46,10 @@ class FrameOptions:
     def shift_us(self) -> int | None:
         """Shift of the frames, microseconds; None to estimate it."""
         if self.estimate_shift and self.frames_shift_us is not None:
-            raise TaskError("give either --frames-shift-us or --estimate-shift")
+            raise TaskError("give --frames-shift-us or --estimate-shift, not both")
         shift_us = self.frames_shift_us or 0
         if abs(shift_us) >= SHIFT_LIMIT_US:
-            raise TaskError(f"frames-shift-us: found {shift_us}, expected less than 2^62 us from 0")
+            raise TaskError(f"--frames-shift-us: found {shift_us}, expected between -2^62 and 2^62")
         return None if self.estimate_shift else shift_us
 
     def open_frames(self) -> RecordedFrames | None:

@@ -44,10 +44,10 @@ def check_frames(recording: Recording, frames: RecordedFrames) -> None:
         raise TaskError(f"{frames.files[0]}: the frame has {width}x{height} px, but {sensor}")
     if not inside(recording, frames):
         ends_us = frames.start_us[0], frames.end_us[-1], recording.start_us, recording.end_us
-        spans = "frames last from {:.6f} to {:.6f} s, events from {:.6f} to {:.6f} s"
+        spans = "the frames cover {:.6f} to {:.6f} s, the events {:.6f} to {:.6f} s"
         raise TaskError(
             f"{recording.path}: {spans.format(*(1e-6 * int(t_us) for t_us in ends_us))}; two "
-            "frames in a row must be within the events: is --frames-shift-us needed?"
+            "successive frames must lie within the events; --frames-shift-us shifts the frames"
         )
 
 

@@ -50,13 +50,13 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     """
     fps, start_s, end_s = options.fps, options.start, options.end
     if not 0 < fps <= 1e6:
-        raise TaskError(f"fps: found {fps:.16g}, expected above 0 and at most 1e6")
+        raise TaskError(f"--fps: found {fps:.16g}, expected above 0 and at most 1e6")
     step_us = 1e6 / fps
     start_us = recording.start_us + step_us if start_s is None else 1e6 * start_s
     end_us = recording.end_us if end_s is None else 1e6 * end_s
     if not math.isfinite(end_us - start_us) or (start_s is not None and end_us < start_us):
         span = f"{1e-6 * start_us:.12g} to {1e-6 * end_us:.12g} s"
-        raise TaskError(f"start, end: found {span}, expected finite times in order")
+        raise TaskError(f"--start, --end: found {span}, expected finite times, the start first")
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
     if count < 1:
         span = f"{1e-6 * recording.start_us:.6f} to {1e-6 * recording.end_us:.6f} s"
@@ -172,7 +172,7 @@ def _check_folder(out: Path, overwrite: bool) -> None:
     files = sorted(out.iterdir())
     for file in files:
         if not (file.name == TIMES or (file.suffix == ".png" and file.stem.isdigit())):
-            raise TaskError(f"{out}: found {file.name}, expected only images and {TIMES}")
+            raise TaskError(f"{out}: contains {file.name}, expected only images and {TIMES}")
     if files and not overwrite:
         raise TaskError(f"{out}: exists already; add --overwrite to replace it")
 
@@ -188,5 +188,5 @@ def _images(
             t_us, answer = taken
             image, failure = image_answer("video", name, answer, blank)
             if failure:
-                raise TaskError(f"video, method {name!r}: at {t_us} us {failure}")
+                raise TaskError(f"video, method {name!r}: image at {t_us} us: {failure}")
             yield image

@@ -82,9 +82,7 @@ def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thres
         fit.add(frames.log_light(k), frames.log_light(k + 1), sums(events, frames, k))
     solution = fit.solve()
     if solution is None or min(solution[0]) <= 0:
-        worth = "none" if solution is None else "ON {:.3g}, OFF {:.3g}".format(*solution[0])
-        best = (
-            f"{recording.path}: the thresholds that fit the frames best, {worth}, are not positive"
-        )
-        raise TaskError(f"{best}; try --estimate-shift, or give --threshold")
+        worth = "undetermined" if solution is None else "ON {:.3g}, OFF {:.3g}".format(*solution[0])
+        best = f"{recording.path}: the thresholds fitted to the frames are {worth}"
+        raise TaskError(f"{best}, expected above 0; try --estimate-shift, or give --threshold")
     return solution

@@ -69,7 +69,7 @@ class Look:
             A value is out of range; the text names the option.
         """
         if self.window is not None and self.count is not None:
-            raise TaskError("window, count: give one of them, not both")
+            raise TaskError("give --window or --count, not both")
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

@@ -79,8 +79,8 @@ def write_player(
     every = -(-count // MAX_EVENTS)
     if every > 1:
         _log.warning(
-            "%s: keeps one of every %d events, as a page holds at most %d of %d; give --start and "
-            "--end to keep all events of a part",
+            "%s: keeps one of every %d events, as a page holds at most %d of the %d; give --start "
+            "and --end to keep all events of a part",
             path,
             every,
             MAX_EVENTS,

@@ -44,7 +44,7 @@ def write_recording(
     latest_us = max(map(abs, times_us), default=0)
     if latest_us >= _MAX_US:
         raise TaskError(
-            f"{path or 'Rerun'}: {latest_us} us is too late; run `eres convert --from-start` first"
+            f"{path or 'Rerun'}: cannot store {latest_us} us; run `eres convert --from-start` first"
         )
     with _recording(path, overwrite) as (rerun, recording):
         logs = []

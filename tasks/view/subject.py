@@ -109,7 +109,7 @@ def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header]) -> ClipF
     if len(clocks) > 1:
         names = (f"speed {speed:g}, shifted by {shift} us" for speed, shift in sorted(clocks))
         raise TaskError(
-            f"{sequence.folder}: its files of events have several clocks: {'; '.join(names)}"
+            f"{sequence.folder}: the files of events have different clocks: {'; '.join(names)}"
         )
     return ClipFrames(sequence, *(clocks.pop() if clocks else ()))
 
@@ -118,7 +118,7 @@ def _speed(path: Path, header: Header) -> float:
     """Return the speed at which the events were simulated, 1 if the file does not say."""
     speed = header.origin.get("speed", 1.0)
     if isinstance(speed, str) or not 0 < speed < FASTEST:
-        raise TaskError(f"{path}: speed in its origin: found {speed!r}, expected a factor")
+        raise TaskError(f"{path}: origin, speed: found {speed!r}, expected a positive number")
     return float(speed)
 
 
@@ -140,7 +140,7 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
         if isinstance(source, EventSource):
             span = span_of(source.parts(), start_us, end_us)
             if span is None:
-                raise TaskError(f"{source.path}: no events in the time that is shown")
+                raise TaskError(f"{source.path}: has no events in the time to show")
             counts.append(span.count)
             spans_us.append((span.start_us, span.end_us))
         elif not files:
@@ -151,8 +151,8 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
         first_us, last_us = frames.span_us()
         if last_us < start_us or first_us > end_us:
             raise TaskError(
-                f"{frames.sequence.folder}: its frames, {_s(first_us)} to {_s(last_us)} s, are "
-                f"outside the time that is shown, {_s(start_us)} to {_s(end_us)} s"
+                f"{frames.sequence.folder}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
+                f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
             )
     return Subject(sources, start_us, end_us, tuple(counts))
 

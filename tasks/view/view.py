@@ -99,7 +99,7 @@ def view(
         raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
     for name in _WITHOUT[kind]:
         if (value := getattr(look, name)) is not None:
-            raise TaskError(f"{name}: found {value}, but a {kind} has no such option")
+            raise TaskError(f"--{name} {value} does not apply to a {kind} file")
     files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if out is not None:
         check_new(out, overwrite, *files)
@@ -109,7 +109,7 @@ def view(
     )
     if kind == ".html" and out is not None:
         if len(subject.event_sources) < len(subject.sources):
-            raise TaskError(f"{out}: a .html shows a rendered clip only behind events: give --over")
+            raise TaskError(f"{out}: a .html shows a rendered clip only behind events; use --over")
         write_player(out, subject, look.window_ms, on_progress, overwrite=overwrite)
         return
     times_us = _times(subject, look, kind)
@@ -128,7 +128,7 @@ def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
         height, width = picture.shape[:2]
         if max(height, width) > limit:
             raise TaskError(
-                f"height: {width}x{height} px exceed the {limit} px of a {kind}; reduce --height"
+                f"{width}x{height} px exceed the {limit} px of a {kind}; reduce --height"
             )
         yield picture
 
@@ -141,7 +141,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
         t_us = (start_us + end_us + 1) // 2 if look.at is None else round(1e6 * look.at)
         if not start_us <= t_us <= end_us:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
-            raise TaskError(f"at: found {look.at} s, but the sources last from {span}")
+            raise TaskError(f"--at: found {look.at} s, but the sources cover {span}")
         return [t_us]
     step_us = 1e6 / (_fps(look, kind) * _slow(subject, look, kind))
     lead_us = 0.0
@@ -152,7 +152,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     limit = _MAX_IN_MEMORY if kind in (".gif", ".webp") else _MAX_PICTURES
     if steps >= limit:
         raise TaskError(
-            f"{steps + 1} pictures are more than the {limit} of a {kind}; give --start and --end, "
+            f"{steps + 1} pictures exceed the {limit} that a {kind} holds; give --start and --end, "
             "reduce --slow or --fps, or write a .mp4"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]

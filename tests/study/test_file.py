@@ -157,7 +157,7 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\ne2vid_window_s = 1\ne2vid_events_per_px = 1',
-            "mine.toml: evaluate.video: found e2vid_window_s and e2vid_events_per_px, expected one",
+            "mine.toml: evaluate.video: give e2vid_window_s or e2vid_events_per_px, not both",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
@@ -178,7 +178,7 @@ def test_old_words_are_read(tmp_path):
         ('scenes = ["carpet"]\n[render]\nsamples = 0', r"render.samples: found 0, expected"),
         (
             'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = [10, 10.0000001]',
-            r"mine.toml: .*tracking.sigmas_mm: found \(10.0, 10.0000001\), expected each once",
+            r"mine.toml: .*tracking.sigmas_mm: found \(10.0, 10.0000001\), expected no duplicates",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = []',

@@ -72,8 +72,8 @@ def test_the_later_wins(tmp_path):
     [
         ({"electronics": "v2e-nosy"}, "did you mean 'v2e-noisy'"),
         ({"sensor": "nowhere.toml"}, "nowhere.toml: no such file"),
-        ({"sensor": "ideal", "lux": 9.0, "cutoff": 9.0}, "lux, cutoff: found both"),
-        ({"sensor": "davis346", "resolution": 9}, "sensor, resolution: found both"),
+        ({"sensor": "ideal", "lux": 9.0, "cutoff": 9.0}, "give --lux or --cutoff, not both"),
+        ({"sensor": "davis346", "resolution": 9}, "give --sensor or --resolution, not both"),
         ({"electronics": "v2e-noisy", "cutoff_follows_light": True}, "cutoff_follows_light"),
         ({"latency": -1.0}, "latency: found -1"),
         ({"bus": "atis"}, "bus of 'atis' is unknown"),
@@ -148,9 +148,9 @@ def test_a_study_names_a_photoreceptor(tmp_path):
 @pytest.mark.parametrize(
     ("resolution", "fill_factor", "said"),
     [
-        (64, 0.5, "fill factor 0.5 has no effect: a pixel is 1 px"),
+        (64, 0.5, "fill factor 0.5 has no effect: a sensor pixel spans 1 px"),
         (64, 1.0, ""),
-        (32, 0.5, "fill factor 0.5 has little effect: a pixel is 2 px"),
+        (32, 0.5, "fill factor 0.5 has little effect: a sensor pixel spans 2 px"),
         (21, 0.5, ""),
     ],
 )

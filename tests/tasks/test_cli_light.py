@@ -56,7 +56,7 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert "mine, continuous" in out
     assert "0.0000 to 0.4000 s" in out
     assert "m/s on average" in out
-    said = f"{sequence.folder}: is a folder; the given options"
+    said = f"{sequence.folder}: is a folder; --format and read options"
     refused(eres, tmp_path, said, "info", sequence.folder, "--format", "npz")
 
     code, out, _ = eres(
@@ -91,7 +91,7 @@ def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
     refused(
         eres,
         tmp_path,
-        f"{clip}: the sensor has 346x260 px, and sees 240x180",
+        f"{clip}: the sensor has 346x260 px, but sees 240x180",
         "simulate",
         clip,
         *fine,
@@ -148,7 +148,7 @@ def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, tmp_path):
     for task, method in (("reconstruction", "event_integration"), ("flow", "initial_flow")):
         assert eres("evaluate", clip, "--task", task, "--method", method, *sensor)[0] == 0
     code, _, err = eres("evaluate", clip, "--task", "tracking", *sensor)
-    assert (code, "needs a pinhole: found a lens, Distortion(k1=-0.25" in err) == (1, True)
+    assert (code, "needs a pinhole camera; found Distortion(k1=-0.25" in err) == (1, True)
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
     expected = developed(light, QUIET, np.random.default_rng(0))
     np.testing.assert_array_equal(cv2.imread(str(out / "000001.png"), -1), expected)
     for wrong, found in (
-        (camera, "already; write elsewhere"),
+        (camera, "already; choose another folder"),
         (["--rate", 300], "expected a rate above 0 and exposures that do not overlap"),
         (["--rate", 1, "--exposure", 1], "exposure: found 1 s, expected at most 0.08"),
         (["--full-well", 0], "full_well: found 0.0"),
@@ -143,4 +143,4 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
     (out / "images.json").unlink()  # as after an interruption
     code, _, error = eres("images", clip.folder, "--out", out, *camera)
     assert code == 1
-    assert "already; write elsewhere" in error
+    assert "already; choose another folder" in error

@@ -162,19 +162,19 @@ def stopped(*_, **__):
 def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
     before = contents(made)
     for options, found in (
-        (["--seed", 5], "seed: found 4, not 5"),
-        (["--seed", 4, "--spp", 9], "spp: found 4, not 9"),
+        (["--seed", 5], "seed is 4 in this folder, but 5"),
+        (["--seed", 4, "--spp", 9], "spp is 4 in this folder, but 9"),
         (["--seed", 4, "--leak", 0.1], "'leak': 0.1"),
     ):
         code, _, error = eres("dataset", made, *OPTIONS, *options)
         assert code == 1
         assert found in error
-        assert "give the same options, or another folder" in error
+        assert "use the same options, or choose another folder" in error
     assert contents(made) == before
     (tmp_path / "mine.txt").touch()
     code, _, error = eres("dataset", tmp_path, *OPTIONS)
     assert code == 1
-    assert "holds other files" in error
+    assert "contains other files" in error
     code, _, error = eres("dataset", tmp_path / "mine.txt", *OPTIONS)
     assert "found a file, expected a folder" in error
 
@@ -189,7 +189,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
 @pytest.mark.parametrize(
     ("options", "found"),
     [
-        (["--sensor", "davis346", "--resolution", 8], "sensor, resolution: found both"),
+        (["--sensor", "davis346", "--resolution", 8], "give --sensor or --resolution, not both"),
         (["--sensor", "davis3460"], "did you mean 'davis346'?"),
         (["--count", 0], "count: found 0"),
         (["--seconds", 0], "seconds: found 0.0"),
@@ -205,7 +205,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         ),
         (["--stereo", 0.4], "stereo: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
-        (["--gyroscope-noise", 1], "gyroscope_noise: 1.0 needs an IMU"),
+        (["--gyroscope-noise", 1], "--gyroscope-noise 1.0 needs an IMU"),
         (["--cutoffs", 1e-308], "cutoffs: found (1e-308,), expected 0.01 Hz"),
         (["--images", 300], "images: found 300.0, expected a positive rate, and exposures"),
         (["--resolution", 0], "width: found 0"),
@@ -282,7 +282,7 @@ def test_a_dataset_of_an_older_version_continues(tmp_path):
     file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 2}}))
     claim_folder(settings, tmp_path)
     file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 1}}))
-    with pytest.raises(TaskError, match=r"sensor: found .*one_pole"):
+    with pytest.raises(TaskError, match=r"sensor is .*one_pole"):
         claim_folder(settings, tmp_path)
 
 
@@ -358,9 +358,9 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
         code, _, error = eres(*command)
     assert code == 0, error
     assert contents(out) == contents(made)
-    with pytest.raises(TaskError, match=r"does not see the folder .*elsewhere"):
+    with pytest.raises(TaskError, match=r"cannot see the folder .*elsewhere"):
         _complete(SETTINGS, 0, str(tmp_path / "elsewhere"), version(DISTRIBUTION))
-    with pytest.raises(TaskError, match=r"has eres .*, not 9\.9"):
+    with pytest.raises(TaskError, match=r"has eres .*, expected 9\.9"):
         _complete(SETTINGS, 0, str(out), "9.9")
     code, _, error = eres(
         "dataset", out, "--count", 3, "--seed", 4, *OPTIONS, "--scheduler", "here"

@@ -444,7 +444,7 @@ def test_damaged_files_of_a_finished_training_are_named(run, name, content, said
 def test_a_seed_that_pytorch_cannot_take_is_refused(seed, eres, tmp_path):
     """Promise: one line with the range, and no folder."""
     code, _, err = eres("train", "flow", "--out", tmp_path / "x", "--seed", seed)
-    assert (code, err) == (1, f"error: seed: found {seed}, expected 0 to 2^64 - 1\n")
+    assert (code, err) == (1, f"error: --seed: found {seed}, expected 0 to 2^64 - 1\n")
     assert not (tmp_path / "x").exists()
 
 

@@ -316,7 +316,7 @@ def test_light_between_frames_is_a_line_in_log_intensity():
     for t_s, expected in ((0.0, 1.0), (0.5, 2.0), (1.0, 4.0)):
         np.testing.assert_allclose(log_light(TwoFrames(), t_s, 0.0), math.log(expected))
     assert log_light(TwoFrames(), 0.0, 1.0)[0, 0] == pytest.approx(math.log(2))
-    with pytest.raises(TaskError, match=r"found 0 to 1 s, expected 1.5 s"):
+    with pytest.raises(TaskError, match=r"the frames cover 0 to 1 s, but not 1.5 s"):
         log_light(TwoFrames(), 1.5, 0.0)
 
 

@@ -112,7 +112,7 @@ def test_results_never_replace_what_was_recorded(eres, tmp_path, command, name):
     """Promise: --overwrite is about results; a mistyped --out loses no recording."""
     (tmp_path / name).write_bytes(b"recorded")
     code, _, err = eres("rig", command, tmp_path, "--out", tmp_path / name, "--overwrite")
-    assert (code, f"{name}: is the input" in err) == (1, True)
+    assert (code, f"{name}: would overwrite the input" in err) == (1, True)
     assert (tmp_path / name).read_bytes() == b"recorded"
 
 
