@@ -25,6 +25,7 @@ SequenceFolder = Annotated[
     Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
 ]
 OtherRuns = Annotated[Positional[tuple[Path, ...]], arg(metavar="[RUN...]", help_behavior_hint="")]
+AsJson = Annotated[bool, arg(name="json", help="Print JSON, for programs.")]
 WeightsFiles = Annotated[tuple[str, ...], arg(metavar="[METHOD=]FILE...", help_behavior_hint="")]
 
 

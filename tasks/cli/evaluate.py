@@ -12,7 +12,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import literal_type_from_choices
 
 from tasks.cli import terminal
-from tasks.cli.app import WeightsFiles
+from tasks.cli.app import AsJson, WeightsFiles
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.cli.table import Table
 from tasks.errors import TaskError
@@ -38,6 +38,7 @@ def evaluate(
     reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
     flow: OmitArgPrefixes[FlowOptions] = USUAL_FLOW,
+    as_json: AsJson = False,
 ) -> None:
     """Score methods on a simulated sensor or on a recording.
 
@@ -88,6 +89,9 @@ def evaluate(
                 weights=files,
                 on_progress=on_progress,
             )
+        if as_json:
+            terminal.show_json({"notes": evaluation.notes, "rows": evaluation.rows})
+            return
         _print_scores(evaluation.rows, "method", "metric")
         rate = f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording"
         terminal.say(*evaluation.notes, rate)
@@ -102,7 +106,9 @@ def evaluate(
     sequence = open_sequence(source)
     size = sequence.manifest.width, sequence.manifest.height
     chosen = camera.camera(*size, usual_width=346)
-    terminal.say(chosen.assumptions(**camera.light))
+    assumes = chosen.assumptions(**camera.light)
+    if not as_json:
+        terminal.say(assumes)
     with terminal.progress() as on_progress:
         rows = evaluate_sequence(
             sequence,
@@ -114,6 +120,9 @@ def evaluate(
             weights=files,
             on_progress=on_progress,
         )
+    if as_json:
+        terminal.show_json({"assumes": assumes, "rows": rows})
+        return
     _print_scores(rows, "method", "variant", "metric")
     lost = f", of which the bus lost {100 * rows[0].dropped:.3g} %" if chosen.bus else ""
     terminal.say(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window{lost}")

@@ -11,7 +11,7 @@ import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
-from tasks.cli.app import WeightsFiles, require, several
+from tasks.cli.app import AsJson, WeightsFiles, require, several
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.errors import TaskError, UsageError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
@@ -149,6 +149,7 @@ def info(
     ],
     format: str | None = None,
     reading: OmitArgPrefixes[ReadOptions] = AS_STORED,
+    as_json: AsJson = False,
 ) -> None:
     """Describe a radiance sequence or a file of events.
 
@@ -158,10 +159,11 @@ def info(
         Format of the file: dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or
         package.module:Format. By default its extension or header decides.
     """
+    show = terminal.show_json if as_json else terminal.show_pairs
     if path.is_file():
         from tasks.events.description import describe
 
-        terminal.show_pairs(describe(path, format=format, reading=reading))
+        show(describe(path, format=format, reading=reading))
         return
     from eres_render import SequenceError, open_sequence
     from tasks.events.description import seconds
@@ -194,7 +196,7 @@ def info(
         "motion per frame": f"at most {manifest.max_displacement_px:g} px",
         "rendered by": f"Mitsuba {manifest.mitsuba}, {manifest.variant}, {manifest.integrator}",
     }
-    terminal.show_pairs(pairs)
+    show({name: value for name, value in pairs.items() if value})
 
 
 def _terms(values: dict[str, float]) -> str:

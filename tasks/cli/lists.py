@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Column
 from rich.text import Text
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import AsJson
 from tasks.cli.table import Table
 
 if TYPE_CHECKING:
@@ -25,16 +26,18 @@ of 1 and of 0. Those with pixels are for --sensor, all are for --electronics.
 eres sensors NAME has the values of one, with their sources."""
 
 
-def doctor() -> int:
+def doctor(*, as_json: AsJson = False) -> int:
     """Show which renderers work, cores, versions and folders.
 
     The exit code is 1 if no renderer works.
     """
     import importlib.util
+    import os
     import platform
     import shutil
     import sys
 
+    import eres_events
     from eres_render.cores import cores
     from eres_render.rendering.backend import probe_variants
     from eres_render.scene.load import scene_root
@@ -47,24 +50,30 @@ def doctor() -> int:
         mark = Text("yes", "green") if verdict.works else Text("no", "red")
         remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
         table.add_row(verdict.name, mark, remark)
-    terminal.show(table)
     best = next((verdict.name for verdict in verdicts if verdict.works), None)
-    terminal.say(f"renders use: {best or 'no variant, as none works'}\n")
 
     cache = cache_dir()
     free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
     used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
     specs = {name: importlib.util.find_spec(name) for name in ("eres_render", "sensor", "tasks")}
+    hiding = eres_events.shadows([os.getcwd()])
     facts = {
         "cores": str(cores()),
         'sensor, device="cuda"': _sensor_on_a_gpu(),
         "python": f"{platform.python_version()} at {sys.executable}",
         **versions(),
         **{f"import {n}": str(spec.origin if spec else "missing") for n, spec in specs.items()},
+        **{f"{n} in scripts here": f"{file}, but for eres_events" for n, file in hiding.items()},
         "scenes": str(scene_root()),
         "cache": f"{cache}: {used / 1e9:.1f} GB used, {free / 1e9:.0f} GB free",
     }
-    terminal.show_pairs(facts)
+    if as_json:
+        works = {verdict.name: verdict.works for verdict in verdicts}
+        terminal.show_json({"renders use": best, "works": works, **facts})
+    else:
+        terminal.show(table)
+        terminal.say(f"renders use: {best or 'no variant, as none works'}\n")
+        terminal.show_pairs(facts)
     return 0 if best else 1
 
 
@@ -99,6 +108,7 @@ def sensors(
     ] = None,
     *,
     schema: bool = False,
+    as_json: AsJson = False,
 ) -> None:
     """List event cameras.
 
@@ -123,14 +133,37 @@ def sensors(
         return
     from sensor.cameras import camera_names, find_camera
 
-    if camera is not None:
+    if as_json:
+        names = camera_names() if camera is None else [camera]
+        terminal.show_json([_values(find_camera(name)) for name in names])
+    elif camera is not None:
         _show(find_camera(camera))
-        return
-    table = Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s", box=None)
-    for each in map(find_camera, camera_names()):
-        table.add_row(*_facts(each))
-    terminal.show(table)
-    terminal.say(_LEGEND)
+    else:
+        heads = "sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s"
+        table = Table(*heads, box=None)
+        for each in map(find_camera, camera_names()):
+            table.add_row(*_facts(each))
+        terminal.show(table)
+        terminal.say(_LEGEND)
+
+
+def _values(camera: EventCamera) -> dict[str, Any]:
+    """Return what is known of a camera, by the keys of its file."""
+    from sensor.cameras.fields import FIELDS, KEYS
+    from sensor.cameras.files import in_unit
+
+    values: dict[str, Any] = {"name": camera.name}
+    for name, key in KEYS.items():
+        source = camera.sources.get(name)
+        if source is None and not camera.states(name):
+            continue
+        stored = getattr(camera, FIELDS[name])
+        value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
+        facts = {"value": value, "unit": unit, "interval": ends}
+        if source:
+            facts |= {"kind": source.kind, "source": source.text}
+        values[name] = value if key.part == "name" else facts
+    return values
 
 
 def _facts(camera: EventCamera) -> Iterator[str]:
@@ -180,17 +213,24 @@ def _show(camera: EventCamera) -> None:
     terminal.show(table)
 
 
-def methods() -> None:
+def methods(*, as_json: AsJson = False) -> None:
     """List the methods of each task."""
     from tasks.methods.networks import weights_of
     from tasks.registry import TASKS
 
-    table = Table("task", "method", "where", Column("note", no_wrap=True), box=None)
+    rows = []
     for task, spec in TASKS.items():
         for name in spec.methods:
             method = spec.method(name)
             note = "diagnostic" if method.role == "diagnostic" else ""
             if method.network:
                 note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
-            table.add_row(task, name, method.place, note)
+            rows.append((task, name, method.place, note))
+    *heads, last = "task", "method", "where", "note"
+    if as_json:
+        terminal.show_json([dict(zip((*heads, last), row, strict=True)) for row in rows])
+        return
+    table = Table(*heads, Column(last, no_wrap=True), box=None)
+    for row in rows:
+        table.add_row(*row)
     terminal.show(table)

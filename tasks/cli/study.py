@@ -13,7 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sensor.model import Photoreceptor
 from tasks.cli import terminal
-from tasks.cli.app import OtherRuns, RunFolder, WeightsFiles
+from tasks.cli.app import AsJson, OtherRuns, RunFolder, WeightsFiles
 from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
 
@@ -160,7 +160,7 @@ def report(run: RunFolder) -> None:
     terminal.say(str(write_report(run)))
 
 
-def claims(run: RunFolder, others: OtherRuns = ()) -> None:
+def claims(run: RunFolder, others: OtherRuns = (), *, as_json: AsJson = False) -> None:
     """Judge the paper's claims on a run's scores.
 
     Several runs of one study, each with the --weights of another training of the same networks, are
@@ -178,6 +178,9 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     from tasks.study.report.finished_run import read_run
 
     joined = read_run(run, *others)
+    if as_json:
+        terminal.show_json(joined.verdicts_by_photoreceptor)
+        return
     _show_claims(joined)
     files = [folder / "environment.json" for folder in others]
     environments = [read_json(dict[str, str], file, ResultError) for file in files]

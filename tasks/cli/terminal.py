@@ -6,6 +6,7 @@ characters, of which names and files may be made, are printed as escapes.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
@@ -67,6 +68,13 @@ def show_pairs(pairs: Mapping[str, str]) -> None:
         if value:
             table.add_row(name, value)
     show(table)
+
+
+def show_json(value: object) -> None:
+    """Print a value as JSON to stdout."""
+    from eres_render.storage.json_values import json_values
+
+    print(json.dumps(json_values(value), indent=1))
 
 
 def progress() -> AbstractContextManager[Progress]:

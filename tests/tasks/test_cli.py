@@ -1,6 +1,7 @@
 """The command line: help, exit codes, one clear line for every mistake, no partial files."""
 
 import errno
+import json
 import logging
 import os
 import re
@@ -13,7 +14,9 @@ import pytest
 from another_process import environment
 from eres_render.rendering import backend
 from eres_render.rendering.backend import VariantVerdict
-from sensor import SensorError, SensorModel
+from sensor import SensorError, SensorModel, camera_names
+from sensor.events import no_events
+from sensor.formats import write_events
 from tasks import provenance
 from tasks.cli.camera_options import CameraOptions
 from tasks.cli.command_line import _ToTerminal, command_names
@@ -185,6 +188,17 @@ def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
     assert code == 1
     assert "No space left on device" in err
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_programs_get_json(eres, tmp_path):
+    """Promise: lists and descriptions are JSON with --json, without inf and tables."""
+    (camera,) = json.loads(eres("sensors", "davis346", "--json")[1])
+    assert (camera["width"]["value"], camera["bus"]["unit"]) == (346, "Mev/s")
+    assert len(json.loads(eres("sensors", "--json")[1])) == len(camera_names())
+    listed = json.loads(eres("methods", "--json")[1])
+    assert "photometric_flow" in {row["method"] for row in listed if row["task"] == "flow"}
+    write_events(tmp_path / "none.h5", no_events(4, 3, None))
+    assert json.loads(eres("info", tmp_path / "none.h5", "--json")[1])["events"] == "0"
 
 
 @pytest.mark.parametrize("group", [(), ("rig",), ("train",)])
