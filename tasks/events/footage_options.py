@@ -36,6 +36,9 @@ class FootageOptions:
         a layer, the only layer with light, or Blender's Combined.
     repair
         Replace pixels that are NaN, infinite or negative by the median of their neighbors.
+    start, end
+        Part of the footage to simulate, seconds from its first frame. Times of events stay those of
+        the whole.
     """
 
     fps: float | None = None
@@ -44,6 +47,8 @@ class FootageOptions:
     interpolate: str | None = None
     layer: str | None = None
     repair: bool = False
+    start: float | None = None
+    end: float | None = None
 
 
 NO_FOOTAGE = FootageOptions()
@@ -62,8 +67,9 @@ def open_source_frames(path: Path, footage: FootageOptions) -> RadianceSequence 
 
     if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
         options = asdict(footage)
+        start_s, end_s = options.pop("start"), options.pop("end")
         del options["interpolate"]
-        return open_footage(path, **options)
+        return open_footage(path, **options).between(start_s or 0.0, end_s)
     if footage != NO_FOOTAGE:
         raise TaskError(f"{path}: is a rendered sequence; the footage options do not apply to it")
     return open_sequence(path)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +68,39 @@ class Footage:
 
     def __iter__(self) -> Iterator[Float32]:
         return self.frames()
+
+    def between(self, start_s: float, end_s: float | None) -> Footage:
+        """Return the frames of a part, which keep their times on the clock of the footage.
+
+        Parameters
+        ----------
+        start_s, end_s
+            Seconds from the first frame; None for the end of the footage.
+
+        Returns
+        -------
+        Footage
+
+        Raises
+        ------
+        TaskError
+            Fewer than two frames are between.
+        """
+        since_s = self.t_s - self.t_s[0]
+        ends_s = start_s, math.inf if end_s is None else end_s
+        first, stop = np.searchsorted(since_s, ends_s).tolist()
+        if stop - first < 2:
+            raise TaskError(
+                f"{self.path}: --start {start_s:g} --end {end_s}: found {max(0, stop - first)} "
+                f"frames between, expected at least 2 of the {since_s[-1]:g} s"
+            )
+        passed_us = math.floor(1e6 * self.t_s[first])
+        return replace(
+            self,
+            t_s=self.t_s[first:stop] - 1e-6 * passed_us,
+            t_offset_us=self.t_offset_us + passed_us,
+            frames=lambda: islice(self.frames(), first, stop),
+        )
 
 
 def open_footage(

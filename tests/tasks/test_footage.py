@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 from eres_render.storage.exr import write_luminance
 from sensor import SensorModel, simulate, to_linear
 from sensor.events import concatenate
-from sensor.formats import read_events
+from sensor.formats import load_events, read_events
 from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
@@ -89,6 +89,24 @@ def test_images_are_in_the_order_of_their_numbers(tmp_path):
     (tmp_path / "0.05.png").touch()
     with pytest.raises(TaskError, match=r"0\.1\.png and 0\.05\.png have no clear order"):
         list_images(tmp_path)
+
+
+def test_a_part_keeps_the_clock(tmp_path, eres):
+    """Promise: --start and --end cut frames, and events keep the times of the whole."""
+    folder = write_folder(tmp_path / "in", pictures(10), ".png")
+    whole = open_footage(folder, fps=100)
+    part = whole.between(0.02, 0.06)
+    np.testing.assert_array_equal(list(part), list(whole)[2:6])
+    np.testing.assert_allclose(1e-6 * part.t_offset_us + part.t_s, whole.t_s[2:6], atol=1e-9)
+    assert len(whole.between(0.02, None)) == 8
+    out = tmp_path / "events.h5"
+    simulated = ("simulate", folder, "--fps", 100, "--out", out, "--start")
+    assert eres(*simulated, 0.02, "--end", 0.06)[0] == 0
+    t_us = load_events(out).t_us
+    assert 20_000 < t_us[0] < t_us[-1] <= 50_000
+    for start in (0.09, 0.5):
+        code, _, err = eres(*simulated, start, "--overwrite")
+        assert (code, f"--start {start:g}" in err) == (1, True)
 
 
 def test_superscripts_in_names_are_no_numbers(tmp_path):
