@@ -141,8 +141,7 @@ def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     assert mode["lines"][:2] == ["128 px", "mode: 11 ms"]
     assert "room" not in page
     (folder / "carpet.png").unlink()
-    with pytest.raises(ResultError, match=r"carpet\.png: no such file"):
-        section_of(tmp_path)
+    assert section_of(tmp_path).count("<img") == 0  # pictures may be deleted
 
 
 class Still:

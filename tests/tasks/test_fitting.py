@@ -711,7 +711,7 @@ def test_a_shift_of_the_clock_is_not_a_filter(eres, tmp_path):
     code, printed, err = eres(*given, "--out", tmp_path / "mine.toml")
     assert (code, err) == (0, "")
     assert re.search(r"cutoff +at least \d+", printed)
-    shift = re.search("(a shift of .* filter): .*(--frames-shift-us) (\\d+)", printed)
+    shift = re.search("(a shift of .* filter); .*(--frames-shift-us) (\\d+)", printed)
     assert int(shift[3]) == pytest.approx(3000, abs=100)
     camera = read_camera(tmp_path / "mine.toml")
     bounds = [camera.sources[name] for name in ("cutoff", "latency")]

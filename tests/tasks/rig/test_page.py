@@ -172,7 +172,7 @@ def test_settings_are_read(tmp_path):
         ("travel_m", "travels_m", "travels_m: unknown"),
         ('picture = "pebbles"', 'picture = "../photo.png"', "your own file beside rig.toml"),
         ('picture = "pebbles"', 'picture = "page.png"', "your own file beside rig.toml"),
-        ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "give camera or camera_file"),
+        ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "give either camera or camera_file"),
     ],
 )
 def test_wrong_settings_are_refused(tmp_path, old, new, expected):

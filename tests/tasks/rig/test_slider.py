@@ -148,7 +148,7 @@ def test_places_are_where_there_are_events():
     )
     assert way_of(parked, 0, int(slider.t_us[-1])).span_m == pytest.approx((0.0, 0.2))
     assert way_of(parked).span_m == pytest.approx((0.0, 0.5))
-    with pytest.raises(RigError, match="slider: the readings do not overlap"):
+    with pytest.raises(RigError, match="slider: the readings and the events do not overlap"):
         way_of(parked, -200, -100)
 
 
