@@ -135,7 +135,8 @@ def sensors(
 
     if as_json:
         names = camera_names() if camera is None else [camera]
-        terminal.show_json([_values(find_camera(name)) for name in names])
+        cameras = {name: find_camera(name) for name in names}
+        terminal.show_json({name: dict(_values(camera)) for name, camera in cameras.items()})
     elif camera is not None:
         _show(find_camera(camera))
     else:
@@ -147,23 +148,18 @@ def sensors(
         terminal.say(_LEGEND)
 
 
-def _values(camera: EventCamera) -> dict[str, Any]:
-    """Return what is known of a camera, by the keys of its file."""
+def _values(camera: EventCamera, known: bool = True) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the keys of a camera's file with their facts; with `known`, those with a source."""
     from sensor.cameras.fields import FIELDS, KEYS
     from sensor.cameras.files import in_unit
 
-    values: dict[str, Any] = {"name": camera.name}
     for name, key in KEYS.items():
-        source = camera.sources.get(name)
-        if source is None and not camera.states(name):
-            continue
-        stored = getattr(camera, FIELDS[name])
+        stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
         value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
         facts = {"value": value, "unit": unit, "interval": ends}
-        if source:
-            facts |= {"kind": source.kind, "source": source.text}
-        values[name] = value if key.part == "name" else facts
-    return values
+        facts |= {"kind": source.kind if source else "", "source": source.text if source else ""}
+        if key.part != "name" and (source or camera.states(name) or not known):
+            yield name, facts
 
 
 def _facts(camera: EventCamera) -> Iterator[str]:
@@ -189,26 +185,20 @@ def _facts(camera: EventCamera) -> Iterator[str]:
 
 def _show(camera: EventCamera) -> None:
     """List all values of a camera."""
-    from sensor.cameras.fields import FIELDS, KEYS
-    from sensor.cameras.files import in_unit
-
     year = str(camera.year) if camera.year else ""
     about = camera.title or camera.name, year, camera.interface
     terminal.say(", ".join(filter(None, about)))
     table = Table("field", "value", "unit", "95 % interval", "kind", "source", box=None)
-    for name, key in KEYS.items():
-        if key.part == "name":
-            continue
-        stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
-        value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
-        text = "-" if value is None else f"{value:.4g}" if key.kind == "number" else str(value)
+    for name, facts in _values(camera, known=False):
+        value, ends = facts["value"], facts["interval"]
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(
             name,
-            text.lower() if key.kind == "flag" else text,
-            "" if unit == "1" else unit,
+            "-" if value is None else text.lower() if isinstance(value, bool) else text,
+            facts["unit"].removesuffix("1"),
             " to ".join(f"{end:.4g}" for end in ends),
-            source.kind if source else "" if stored is None else "default",
-            source.text if source else "",
+            facts["kind"] or ("" if value is None else "default"),
+            facts["source"],
         )
     terminal.show(table)
 

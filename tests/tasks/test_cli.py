@@ -192,7 +192,7 @@ def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
 
 def test_programs_get_json(eres, tmp_path):
     """Promise: lists and descriptions are JSON with --json, without inf and tables."""
-    (camera,) = json.loads(eres("sensors", "davis346", "--json")[1])
+    camera = json.loads(eres("sensors", "davis346", "--json")[1])["davis346"]
     assert (camera["width"]["value"], camera["bus"]["unit"]) == (346, "Mev/s")
     assert len(json.loads(eres("sensors", "--json")[1])) == len(camera_names())
     listed = json.loads(eres("methods", "--json")[1])

@@ -53,10 +53,7 @@ class LearningCurve:
 
 
 def save_checkpoint(
-    folder: Path,
-    progress: LearningCurve,
-    network: nn.Module,
-    optimizer: Optimizer,
+    folder: Path, progress: LearningCurve, network: nn.Module, optimizer: Optimizer
 ) -> None:
     """Write everything on which the next steps depend."""
     content = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}

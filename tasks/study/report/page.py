@@ -89,11 +89,7 @@ SECTIONS = (
     ),
     Section("claims", "Claims", "The paper's claims", "claims.html"),
     Section(
-        "costs",
-        "Timings",
-        "Timings of this run",
-        "timings.html",
-        lambda run: run.timings or None,
+        "costs", "Timings", "Timings of this run", "timings.html", lambda run: run.timings or None
     ),
     Section("provenance", "Provenance", "Provenance", "provenance.html"),
 )
