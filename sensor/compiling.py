@@ -12,6 +12,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
 from sensor.file_lock import locked
+from sensor.shipped import fall_back, is_in_background, is_shipped, lock_files
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
@@ -43,15 +44,18 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
             # Numba compares it before it unpickles types, which an edit may have renamed.
             index._version = f"{index._version} {index._source_stamp} {stamp}"
             _compile_once(jitted)
+            fall_back(jitted, stamp)
         return jitted
 
     return compiled
 
 
 def is_cached(kernel: Any) -> bool:
-    """Return whether code of a kernel is in the cache, for arguments of any types."""
+    """Return whether code of a kernel is in the cache or the wheel, for arguments of any types."""
     cache: Any = getattr(kernel, "_cache", None)
-    return isinstance(kernel, Dispatcher) and bool(cache._cache_file._load_index())
+    if not isinstance(kernel, Dispatcher):
+        return False
+    return bool(cache._cache_file._load_index()) or is_shipped(kernel)
 
 
 def _compile_once(kernel: Any) -> None:
@@ -62,6 +66,9 @@ def _compile_once(kernel: Any) -> None:
     """
     compile_or_load = kernel.compile
     lock = f"{kernel._cache._cache_file._index_path}.lock"
+    if is_in_background():
+        lock_files(kernel, lock)
+        return
 
     def compile_alone(signature: Any) -> Any:
         # Numba's lock first: a thread that compiles a caller holds it and waits for the file's.

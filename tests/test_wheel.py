@@ -1,6 +1,7 @@
 """The wheel: installed into an empty environment, away from the checkout, it runs a complete
 study."""
 
+import fcntl
 import os
 import re
 import subprocess
@@ -12,9 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from sensor import shipped
+
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("eres_render", "sensor", "tasks")
+PACKAGES = ("eres_events", "eres_render", "sensor", "tasks")
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +39,13 @@ def run(wheel, tmp_path_factory):
     subprocess.run(list(map(str, install)), check=True)
     variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
 
-    def run(program, *args):
+    def run(program, *args, **more):
         done = subprocess.run(
             [str(bin_ / program), *args],
             capture_output=True,
             text=True,
             cwd=elsewhere,
-            env=variables | {"COLUMNS": "200"},
+            env=variables | {"COLUMNS": "200"} | more,
         )
         assert done.returncode == 0, f"{program} {args}\n{done.stdout}\n{done.stderr}"
         return done.stdout
@@ -67,7 +70,7 @@ def test_every_scene_and_template_is_in_it(wheel):
 
 def test_nothing_else_is_in_it(wheel):
     """Promise: the wheel contains no tests, benchmarks or caches, and is small."""
-    assert wheel.stat().st_size < 22e6  # 12.5 MB are weights, 8.6 baked light
+    assert wheel.stat().st_size < 24e6  # 12.5 MB are weights, 8.6 baked light, 2.4 kernels
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert tops == {*PACKAGES, f"eres_events-{version('eres-events')}.dist-info"}
 
@@ -84,7 +87,7 @@ def test_the_source_archive_is_small(tmp_path):
     assert archive.stat().st_size < 23e6  # 12.5 MB are weights, 8.6 baked light
     with tarfile.open(archive) as files_in:
         names = [name.partition("/")[2] for name in files_in.getnames()]
-    assert {"tasks/commit.txt", "CITATION.cff", "hatch_build.py"} < set(names)
+    assert {"tasks/commit.txt", "CITATION.cff", "hatch_build.py", "hatch_kernels.py"} < set(names)
     assert {name.split("/")[0] for name in names if "/" in name} == {*PACKAGES, "scenes"}
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir"]
     subprocess.run([*pip, str(tmp_path), str(archive)], check=True)
@@ -122,6 +125,79 @@ def test_the_command_works(run):
     listed = run("eres", "scenes")
     for scene in ("carpet", "rocks", "room"):
         assert scene in listed
+
+
+FIRST = """
+import resource
+import numpy as np
+from sensor import SensorModel, simulate
+
+model = SensorModel(width=32, height=32, cutoff_hz=200.0)
+simulate(np.ones((2, 32, 32)), [0.0, 1e-3], model)
+used = resource.getrusage(resource.RUSAGE_SELF)
+print(used.ru_utime + used.ru_stime)
+"""
+BITS = """
+import hashlib, sys
+import numpy as np
+from sensor import SensorModel, shipped, simulate
+from sensor.kernels.advance import advance_pixels
+
+for target in sys.argv[1:]:
+    del shipped.TARGETS[target]
+rng = np.random.default_rng(0)
+t_s = np.cumsum(rng.choice([2e-4, 1e-3, 5e-3, 0.03], size=40))
+frames = np.exp(rng.normal(size=(40, 90, 120)).cumsum(axis=0) / 4)
+noise = {"shot_noise_hz": 50.0, "hot_pixel_fraction": 0.01, "leak_hz": 1.0, "random_start": True}
+noise |= {"threshold_mismatch": 0.03, "refractory_s": 1e-4}
+digest, count = hashlib.sha256(), 0
+for filter in ({}, {"cutoff_hz": 200.0}, {"cutoff_hz": 200.0, "cutoff_reference": 1.0}):
+    for width, height in (120, 90), (70, 53):
+        model = SensorModel(width=width, height=height, **noise, **filter)
+        events = simulate(frames, t_s, model, seed=1)
+        count += len(events)
+        for column in (events.t_us, events.x, events.y, events.p):
+            digest.update(column.tobytes())
+print(digest.hexdigest(), count, sum(advance_pixels.stats.cache_misses.values()))
+"""
+
+
+@pytest.fixture
+def cache(tmp_path):
+    """An empty cache; in tests nothing is compiled in the background unless it is asked for."""
+    return {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+
+
+needs_v3 = pytest.mark.skipif(not shipped.runs_here("x86-64-v3"), reason="needs x86-64-v3")
+
+
+@needs_v3
+def test_the_first_simulation_does_not_compile(run, cache):
+    """Promise: it takes 2 s of CPU time at most, Python's start included."""
+    assert float(run("python", "-c", FIRST, **cache)) < 2.0
+
+
+@needs_v3
+def test_the_wheels_code_fires_the_events_of_the_hosts(run, cache):
+    """Promise: to the bit, so that runs may mix them, with noise, filters and coarse pixels."""
+    found = [run("python", "-c", BITS, *without, **cache) for without in ((), ("x86-64-v4",))]
+    host = run("python", "-c", BITS, **cache, ERES_COMPILE="host")
+    assert [int(one.split()[2]) for one in (*found, host)] == [0, 0, 1]
+    assert len({one.split()[0] for one in (*found, host)}) == 1
+    assert int(host.split()[1]) > 5e5
+
+
+@needs_v3
+def test_the_next_start_has_the_code_of_the_host(run, cache):
+    """Promise: a first start begins one process that compiles, which others do not wait for."""
+    run("python", "-c", FIRST, **cache, ERES_COMPILE="on")
+    (lock,) = Path(cache["NUMBA_CACHE_DIR"]).rglob("eres_background.lock")
+    with lock.open() as file:
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        assert float(run("python", "-c", FIRST, **cache, ERES_COMPILE="on")) < 2.0
+        fcntl.flock(file, fcntl.LOCK_EX)  # waits
+    assert float(run("python", "-c", FIRST, **cache, ERES_COMPILE="host")) < 2.0
 
 
 def test_a_study_runs_to_its_report(run):

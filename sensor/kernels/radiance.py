@@ -17,7 +17,8 @@ MIN_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precis
 class PixelLight(NamedTuple):
     """The light on the pixels over a chunk of frame intervals.
 
-    One of two arrays holds it, so that kernels are compiled once for both of its types.
+    One of two arrays holds it, and both are read-only, so that kernels are compiled once for frames
+    of both types, also for those of a file that is mapped into memory.
     """
 
     single: NDArray[np.float32]  # (F, height * width) linear radiance at the intervals' ends,
@@ -39,10 +40,13 @@ def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> PixelLight:
     -------
     PixelLight
     """
-    none = np.empty((0, 0))
+    single, double = np.empty((0, 0), np.float32), np.empty((0, 0), np.float64)
     if radiance.dtype == np.float32:
-        return PixelLight(radiance.astype(np.float32, copy=False), none, dark)
-    return PixelLight(none.astype(np.float32), radiance.astype(np.float64, copy=False), dark)
+        single = radiance.view()
+    else:
+        double = radiance.astype(np.float64, copy=False).view()
+    single.flags.writeable = double.flags.writeable = False
+    return PixelLight(single, double, dark)
 
 
 class Overlap(NamedTuple):

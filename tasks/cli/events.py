@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -19,6 +19,9 @@ from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 from tasks.view.look import ALL_OF_IT, Look
+
+if TYPE_CHECKING:
+    from eres_render.progress import Progress
 
 
 def simulate(
@@ -92,10 +95,26 @@ def simulate(
     )
     terminal.say(assumes)
     with terminal.progress() as on_progress:
-        count, report = simulate_frames(model, out, options, on_progress=on_progress)
+        count, report = simulate_frames(
+            model, out, options, on_progress=_without_compiling(on_progress)
+        )
     terminal.say(f"{out}: {count} events of {model.width}x{model.height} px")
     if report is not None:
         terminal.say(f"bus: {report}")
+
+
+def _without_compiling(on_progress: Progress) -> Progress:
+    """Let the first frames, during which Numba compiles, not set the pace."""
+    from sensor.compiling import is_cached
+    from sensor.kernels.advance import advance_pixels
+
+    def shown(stage: str, done: float, total: float, /) -> None:
+        if stage == "simulating" and not is_cached(advance_pixels):
+            on_progress("compiling, once, about 20 s", 0, 1)
+        else:
+            on_progress(stage, done, total)
+
+    return shown
 
 
 def convert(

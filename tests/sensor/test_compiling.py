@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from another_process import ROOT, environment, run_python
+from sensor import shipped
 
 JIT = """
 from pathlib import Path
@@ -131,6 +132,68 @@ def test_one_process_compiles_and_the_others_wait(folder, variables, tmp_path):
         ]
         said = sorted(end.result().stdout.split() for end in ends)
     assert said == [["2", "0"], ["2", "0"], ["2", "1"]]
+
+
+SHIP = """
+from pathlib import Path
+from kernels.caller import two
+from sensor.shipped import ship
+
+ship(two, (), "x86-64-v3", Path("{folder}"))
+"""
+USE = """
+from pathlib import Path
+from sensor import shipped
+shipped.FOLDER = Path("{folder}")
+from kernels.caller import two
+from kernels.callee import one
+from sensor.compiling import is_cached
+
+known = is_cached(two)
+compiled = two() and sum(two.stats.cache_misses.values())
+print(int(known), two(), compiled, len(one.overloads))
+"""
+
+
+def shipped_for(features):
+    return shipped._usable(",".join(f"+{name}" for name in sorted(features)) + ",-sse4a")
+
+
+def test_code_is_used_on_a_processor_that_has_its_instructions(monkeypatch, tmp_path):
+    """Promise: of the two kinds in a wheel the better one that the processor can run, or none."""
+    monkeypatch.delenv("ERES_COMPILE", raising=False)
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    shipped._usable.cache_clear()
+    v3, v4 = (shipped.TARGETS[f"x86-64-v{k}"] for k in (3, 4))
+    assert shipped_for(v4) == ["x86-64-v4", "x86-64-v3"]
+    assert shipped_for(v4 - {"avx512vl"}) == shipped_for(v3) == ["x86-64-v3"]
+    assert shipped_for(v3 - {"fma"}) == shipped_for(()) == []
+    shipped._usable.cache_clear()
+    monkeypatch.setenv("ERES_COMPILE", "host")
+    assert shipped_for(v4) == []
+    shipped._usable.cache_clear()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shipped.runs_here("x86-64-v3"), reason="needs a processor of x86-64-v3")
+def test_the_wheels_code_is_used_until_an_edit(folder, variables, tmp_path):
+    """Promise: code of a wheel replaces compiling, also that of the kernels that it calls, unless
+    the sources differ, the user wants the code of the host, or has it already."""
+
+    def result(value, **more):
+        (folder / "callee.py").write_text(CALLEE.format(value))
+        said = run_python(USE.format(folder=tmp_path / "wheel"), **variables | more).stdout
+        return tuple(map(int, said.split()))
+
+    (folder / "callee.py").write_text(CALLEE.format(1))
+    target = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+    elsewhere = {"NUMBA_CACHE_DIR": str(tmp_path / "elsewhere")}
+    run_python(SHIP.format(folder=tmp_path / "wheel"), **variables | target | elsewhere)
+    assert result(1) == result(1) == (1, 2, 0, 0)
+    assert result(5) == (0, 10, 1, 1)
+    assert result(1, ERES_COMPILE="host") == (0, 2, 1, 1)
+    assert result(1, NUMBA_CPU_NAME="generic")[1:] == (2, 1, 1)
+    assert result(1) == (1, 2, 0, 0)
 
 
 def test_no_kernel_is_compiled_by_numba_alone():

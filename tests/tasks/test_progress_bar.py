@@ -6,6 +6,8 @@ import time
 import pytest
 from rich.console import Console
 
+from sensor import compiling
+from tasks.cli.events import _without_compiling
 from tasks.cli.progress_bar import progress_bar
 
 
@@ -54,3 +56,17 @@ def test_time_left_waits_for_a_hundredth_of_the_work(lines):
         "rocks: 0:02:00 elapsed, 0:31:20 left",
     ]
     assert lines((0.0, "done", 9, 9), (60.0, "done", 9, 9)) == ["done: 0:01:00 elapsed"]
+
+
+def test_compiling_does_not_set_the_pace(monkeypatch):
+    """Promise: while Numba compiles, a first simulation says that in place of a time left."""
+    said = []
+    for cached in (False, True):
+        monkeypatch.setattr(compiling, "is_cached", lambda kernel, cached=cached: cached)
+        shown = _without_compiling(lambda *report: said.append(report))
+        shown("measuring", 1, 9)
+        shown("simulating", 5, 9)
+    (_, (stage, done, total), *rest) = said
+    assert stage.startswith("compiling")
+    assert (done, total) == (0, 1)
+    assert rest == [("measuring", 1, 9), ("simulating", 5, 9)]
