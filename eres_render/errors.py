@@ -144,8 +144,8 @@ def check_spp(spp: int, error: type[ValueError]) -> None:
     >>> check_spp(16, RenderError)
     >>> check_spp(5, RenderError)
     Traceback (most recent call last):
-    eres_render.errors.RenderError: spp: found 5, expected a square or a grid, such as 4, 6 or 9
+    eres_render.errors.RenderError: spp: found 5, expected a square or almost, such as 4, 6 or 9
     """
     rows = math.isqrt(max(spp, 0))
     if rows == 0 or spp % rows:
-        raise error(f"spp: found {spp}, expected a square or a grid, such as 4, 6 or 9")
+        raise error(f"spp: found {spp}, expected a square or almost, such as 4, 6 or 9")

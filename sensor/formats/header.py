@@ -77,7 +77,7 @@ class Header:
                 )
             if of_model not in (None, side):
                 raise EventFormatError(
-                    f"sensor_model: its {name} is {of_model} px, but the file has {side} px"
+                    f"sensor_model: has {name} {of_model} px, but the events have {side} px"
                 )
         offset_us = self.t_offset_us
         if not isinstance(offset_us, int | np.integer) or not -(2**63) <= offset_us < 2**63:

@@ -486,7 +486,7 @@ def read_events(
                     "sort": "must be in order of time already",
                 }[name]
                 raise EventFormatError(
-                    f"{name}: found {given[name]}, expected none for {chosen.title}, which {reason}"
+                    f"{name}: does not apply to {chosen.title}, which {reason}; found {given[name]}"
                 )
     return _parts(path, chosen, header, given)
 

@@ -143,7 +143,7 @@ class EventDataset:
 
     def __getitem__(self, k: int) -> Item:
         if not -len(self) <= k < len(self):
-            raise IndexError(f"window: found {k}, but there are {len(self)} windows")
+            raise IndexError(f"window: found {k}, expected 0 to {len(self) - 1}")
         k %= len(self)
         number = bisect_right(self._ends, k)
         recording = self.recordings[number]

@@ -40,7 +40,7 @@ def light_of_crop(folder: Path) -> Footage:
     way = np.abs(np.diff(x_m)).cumsum() * px_per_m / _STEP_PX
     steps = int(way[-1])
     if steps < 2:
-        raise RigError(f"{folder}: the image moves {_STEP_PX * way[-1]:.2g} px, less than 1 px")
+        raise RigError(f"{folder}: the image moves only {_STEP_PX * way[-1]:.2g} px in all")
     knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
     length = min(_MAX_STEPS, steps)
     start = int(np.argmin(knots_us[length:] - knots_us[:-length]))

@@ -330,7 +330,7 @@ def check_warm_up(stretches: Sequence[tuple[Render, Simulate, float]], scene: Sc
     earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
     raise StudyError(
         f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window ({reason}"
-        f"{earlier}), but half of render.every_s is {room_s:g} s"
+        f"{earlier}), but render.every_s leaves {room_s:g} s, half of it"
         f"{'; use ' if remedies else ''}{', or '.join(remedies)}"
     )
 
