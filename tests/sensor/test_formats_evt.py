@@ -325,7 +325,7 @@ def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
         (
             b'% sensor_model {"width": 640, "height": 9}\n' + HEADER,
             [],
-            "sensor_model: its height is 9 px",
+            "sensor_model: has height 9 px",
         ),
         (
             b'% sensor_model {"width": 1, "height": 1, "leak_hz": 1' + 400 * b"0" + b"}\n" + HEADER,
