@@ -204,23 +204,27 @@ def _show(camera: EventCamera) -> None:
 
 
 def methods(*, as_json: AsJson = False) -> None:
-    """List the methods of each task."""
+    """List the methods of each task.
+
+    Where the function of a method is, --json tells.
+    """
     from tasks.methods.networks import weights_of
     from tasks.registry import TASKS
 
-    rows = []
+    listed = []
+    table = Table("task", "method", Column("note", no_wrap=True), box=None)
     for task, spec in TASKS.items():
         for name in spec.methods:
             method = spec.method(name)
             note = "diagnostic" if method.role == "diagnostic" else ""
             if method.network:
-                note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
-            rows.append((task, name, method.place, note))
-    *heads, last = "task", "method", "where", "note"
+                note = "PyTorch" if weights_of(name) else "PyTorch, --weights"
+            listed.append({"task": task, "method": name, "where": method.place, "note": note})
+            table.add_row(task, name, note)
     if as_json:
-        terminal.show_json([dict(zip((*heads, last), row, strict=True)) for row in rows])
+        terminal.show_json(listed)
         return
-    table = Table(*heads, Column(last, no_wrap=True), box=None)
-    for row in rows:
-        table.add_row(*row)
     terminal.show(table)
+    terminal.say(
+        "PyTorch: needs the extra `learned`; --weights: and a file that you bring."
+    )
