@@ -225,6 +225,4 @@ def methods(*, as_json: AsJson = False) -> None:
         terminal.show_json(listed)
         return
     terminal.show(table)
-    terminal.say(
-        "PyTorch: needs the extra `learned`; --weights: and a file that you bring."
-    )
+    terminal.say("PyTorch: needs the extra `learned`; --weights: and a file that you bring.")
