@@ -1,4 +1,4 @@
-"""docs/new_scene.md: the test writes its files and runs its commands, from top to bottom."""
+"""docs/new_scene.md and moving_objects.md: the test writes their files and runs their commands."""
 
 import pytest
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 def page(tmp_path_factory):
     """Return a folder after all steps of the page, and the output of its commands."""
     folder = tmp_path_factory.mktemp("new_scene")
-    return folder, follow("new_scene.md", folder)
+    return folder, follow("new_scene.md", folder) + follow("moving_objects.md", folder)
 
 
 def test_the_page_leads_to_events(page):

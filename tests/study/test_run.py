@@ -374,8 +374,8 @@ def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
     [("paper", 0.9, 1.1), ("ablations", 0.8, 1.0), ("slider", 2.3, 2.5), ("twins", 1.0, 1.2)],
 )
 def test_the_cost_of_a_study_is_foretold(name, least, most):
-    """Promise: as docs/study_run.md says how much longer than told the stored runs took. Kinds of jobs
-    are off by about the same factor, so that the time left is right soon."""
+    """Promise: as docs/study_run.md says how much longer than told the stored runs took. Kinds of
+    jobs are off by about the same factor, so that the time left is right soon."""
     if name == "twins":
         study = read_study(DOCS / "studies" / "twins.toml")
     else:

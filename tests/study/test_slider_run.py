@@ -1,4 +1,4 @@
-"""docs/real.md has the scores of the stored run on the virtual slider."""
+"""docs/virtual_slider.md has the scores of the stored run on the virtual slider."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def medians(scores: Scores, series: Series, scene: str, hz: float) -> str:
 
 def test_the_page_has_the_medians_of_the_run(scores: Scores) -> None:
     """Promise: every line of the table at 0.6 m/s."""
-    page = (DOCS / "real.md").read_text()
+    page = (DOCS / "virtual_slider.md").read_text()
     of = {(one.task, one.method, one.variant): one for one in scores.series()}
     for scene in PRINTS:
         for hz in scores.cutoffs_hz(of[COLUMNS[0]]):
@@ -50,5 +50,5 @@ def test_the_page_has_the_medians_of_the_run(scores: Scores) -> None:
 def test_the_page_has_the_numbers_of_claim_22(scores: Scores) -> None:
     """Promise: what `eres claims` prints about the run."""
     (verdict,) = judge_all(scores, {}, [ON_THE_SLIDER])
-    page = " ".join((DOCS / "real.md").read_text().split())
+    page = " ".join((DOCS / "virtual_slider.md").read_text().split())
     assert " ".join(verdict.ours.split()) in page

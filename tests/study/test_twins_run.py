@@ -1,4 +1,4 @@
-"""docs/our_networks.md has the scores of the stored runs of our networks on scenes."""
+"""docs/our_networks.md and our_networks_flow.md have the scores of the stored runs."""
 
 import re
 import runpy
@@ -19,6 +19,7 @@ from tasks.study.results.scores import Scores
 from tasks.study.results.words import cutoff_label
 
 DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [DOCS / "our_networks.md", DOCS / "our_networks_flow.md"]
 RUNS = {
     "twins_2": [
         Series("video", method, "psnr_db")
@@ -39,6 +40,10 @@ TRAININGS = {  # with seeds 0, 1 and 2
 WIDTHS = 240, 640, 1280
 
 
+def text() -> str:
+    return "\n".join(page.read_text() for page in PAGES)
+
+
 def scores_of(run: str) -> Scores:
     return Scores(read_rows(DOCS / "results" / run / "rows.parquet"))
 
@@ -46,7 +51,7 @@ def scores_of(run: str) -> Scores:
 @pytest.mark.parametrize("run", RUNS)
 def test_the_page_has_the_medians_of_the_run(run: str) -> None:
     """Promise: every line of the table at base speed."""
-    page, scores, series = (DOCS / "our_networks.md").read_text(), scores_of(run), RUNS[run]
+    page, scores, series = text(), scores_of(run), RUNS[run]
     for scene in scores.scenes(series[0]):
         for hz in scores.cutoffs_hz(series[0]):
             cells = [
@@ -63,14 +68,14 @@ def test_the_page_has_the_medians_of_the_run(run: str) -> None:
 def test_the_page_has_the_numbers_of_claim_23(run: str, claim: int) -> None:
     """Promise: what `eres claims` prints about the run."""
     verdict = judge_all(scores_of(run), {}, TRAINING_CLAIMS[claim : claim + 1])[0]
-    page = " ".join((DOCS / "our_networks.md").read_text().split())
+    page = " ".join(text().split())
     assert " ".join(verdict.ours.split()) in page
 
 
 @pytest.mark.parametrize(("run", "sign"), [("twins_2", 1), ("flow_twins_2", -1)])
 def test_the_page_has_what_training_at_night_brings_with_each_seed(run: str, sign: int) -> None:
     """Promise: the difference of the twins' medians, with seeds 0, 1 and 2."""
-    page, seeds = (DOCS / "our_networks.md").read_text(), list(map(scores_of, TRAININGS[run]))
+    page, seeds = text(), list(map(scores_of, TRAININGS[run]))
     all_light, ideal_light, *_ = RUNS[run]
 
     def gain(scores: Scores, where: Condition) -> float:
@@ -93,12 +98,12 @@ def test_the_page_has_our_networks_next_to_the_paper_s(
     script = DOCS.parent / "benchmarks" / "beside_paper.py"
     monkeypatch.setattr(sys, "argv", [str(script), str(DOCS / "results" / run)])
     runpy.run_path(str(script), run_name="__main__")
-    assert capsys.readouterr().out in (DOCS / "our_networks.md").read_text()
+    assert capsys.readouterr().out in text()
 
 
 def test_the_page_has_the_verdict_on_all_seeds_together() -> None:
     """Promise: undecided, with the leads at night and what training at night brings."""
-    page = " ".join((DOCS / "our_networks.md").read_text().split())
+    page = " ".join(text().split())
     folders = (DOCS / "results" / run for run in TRAININGS["twins_2"])
     (scores,) = scores_of_run(*folders)["two_pole"]
     (verdict,) = judge_all(scores, {}, TRAINING_CLAIMS[:1])

@@ -37,7 +37,7 @@ def test_rows_come_back_bit_for_bit(rows, file):
 
 
 def test_others_read_the_columns_by_name(rows, file):
-    """Promise: a table of plain columns, as docs/formats.md lists them."""
+    """Promise: a table of plain columns, as docs/study_run.md lists them."""
     table = pq.read_table(file)
     assert table["value"].to_pylist() == [r.value for r in rows]
     assert table["failure"].to_pylist() == [r.failure for r in rows]
