@@ -88,9 +88,11 @@ for _name, _file in shadows().items():
 
 
 def __getattr__(name: str) -> Any:
-    for module in _MODULES:
-        if name == "__all__" or name in import_module(module).__all__:
-            return __dir__() if name == "__all__" else getattr(import_module(module), name)
+    if name == "__all__":
+        return __dir__()
+    for module in map(import_module, _MODULES):
+        if name in module.__all__:
+            return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

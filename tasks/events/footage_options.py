@@ -69,7 +69,10 @@ def open_source_frames(path: Path, footage: FootageOptions) -> RadianceSequence 
         options = asdict(footage)
         start_s, end_s = options.pop("start"), options.pop("end")
         del options["interpolate"]
-        return open_footage(path, **options).between(start_s or 0.0, end_s)
+        opened = open_footage(path, **options)
+        if start_s is None and end_s is None:
+            return opened
+        return opened.between(start_s or 0.0, end_s)
     if footage != NO_FOOTAGE:
         raise TaskError(f"{path}: is a rendered sequence; the footage options do not apply to it")
     return open_sequence(path)
