@@ -23,7 +23,7 @@ PHOTORECEPTORS: tuple[str, ...] = get_args(Photoreceptor)
 
 # Smallest and largest value of each number, and both in words.
 _SIDE = 1, MAX_SIDE_PX, f"an integer in 1..{MAX_SIDE_PX}"
-_NUMBER = 0, FINITE, "a number of at least 0"
+_NUMBER = 0, FINITE, "a finite number, 0 or more"
 _RATE = 0, MAX_RATE_HZ, f"a rate from 0 to {MAX_RATE_HZ:g} Hz, one event per microsecond"
 _LOG_UNITS = f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)"
 _THRESHOLD = MIN_THRESHOLD, MAX_THRESHOLD, _LOG_UNITS

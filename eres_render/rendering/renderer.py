@@ -615,8 +615,8 @@ def _to_world(T_world_cam: Float64) -> Any:
 
     pose = np.asarray(T_world_cam, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        text = pose.tolist() if pose.shape == (4, 4) else f"an array of {pose.shape}"
-        raise RenderError(f"T_world_cam: found {text}, expected one finite pose, (4, 4)")
+        text = pose.tolist() if pose.shape == (4, 4) else f"an array of shape {pose.shape}"
+        raise RenderError(f"T_world_cam: found {text}, expected one finite (4, 4) pose")
     to_world = pose @ _CAM_FROM_MITSUBA
     return mi.ScalarTransform4f(to_world.tolist())
 

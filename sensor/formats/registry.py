@@ -287,7 +287,7 @@ def write_events(
         (errno.ENOENT, not path.parent.is_dir(), "no such folder", path.parent),
         (errno.EISDIR, path.is_dir(), "is a folder", path),
         (errno.EEXIST, path.exists() and not path.is_file(), "is a device or a pipe", path),
-        (errno.EEXIST, path.exists() and not overwrite, "exists already", path),
+        (errno.EEXIST, path.exists() and not overwrite, "already exists", path),
     ):
         if refused:
             raise OSError(number, reason, str(file))  # of the class that belongs to the number
@@ -481,12 +481,12 @@ def read_events(
         for name in given:
             if name not in chosen.options:
                 reason = {
-                    "topic": "has one stream",
-                    "time_unit": "states the unit of its times",
-                    "sort": "must be in order of time already",
+                    "topic": "has only one stream",
+                    "time_unit": "states its own time unit",
+                    "sort": "must already be in time order",
                 }[name]
                 raise EventFormatError(
-                    f"{name}: does not apply to {chosen.title}, which {reason}; found {given[name]}"
+                    f"{name}: found {given[name]!r}, but {chosen.title} {reason}"
                 )
     return _parts(path, chosen, header, given)
 

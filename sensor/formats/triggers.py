@@ -85,8 +85,8 @@ class Triggers:
         channels = np.unique(self.channel).tolist()
         if channel not in channels and (channel is not None or len(channels) > 1):
             listed = ", ".join(map(str, channels)) or "none"
-            what = "choose a channel" if channel is None else f"there are none on {channel}"
-            raise EventError(f"triggers: found edges on channel {listed}; {what}")
+            other = "" if channel is None else f", not on {channel}"
+            raise EventError(f"triggers: found edges on channels {listed}{other}; choose one")
         mine = True if channel is None else self.channel == channel
         return self.t_us[(self.p > 0) & mine]
 

@@ -42,10 +42,10 @@ def _checked_edges(edges_us: Sequence[int] | NDArray[np.int64]) -> NDArray[np.in
     edges = np.asarray(edges_us)
     right = edges.ndim == 1 and edges.size > 1 and np.issubdtype(edges.dtype, np.integer)
     if not (right and edges[0] >= 0 and edges[-1] < _MAX_US and np.all(edges[1:] > edges[:-1])):
-        first = ", ".join(f"{edge}" for edge in edges.ravel()[:4])
+        text = np.array2string(edges, threshold=4, edgeitems=2)
         raise EventError(
-            f"IntervalHistogram: found {edges.size} edges_us of {edges.dtype}, {first}…, expected "
-            "two or more strictly increasing integers from 0 to 2^28 - 1 us"
+            f"IntervalHistogram: edges_us: found {text} of type {edges.dtype}, expected two or "
+            "more increasing integers from 0 to 2^28 - 1 us"
         )
     return edges.astype(np.int64)
 

@@ -182,7 +182,7 @@ def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None
     from tasks.errors import TaskError
 
     if out.exists():
-        raise TaskError(f"{out}: exists already; choose another name")
+        raise TaskError(f"{out}: already exists; choose another name")
     if not math.isfinite(baseline):
         raise TaskError(f"--baseline: found {baseline:g} m, expected a finite distance")
     loaded = load_scene(scene, trajectory)

@@ -111,11 +111,11 @@ class RenderedClip(Source):
         end_s = float(self.reference.sequence.t_s[-1])
         shown_us = round(1e6 * end_s / self.speed) - self.window.start_us
         if duration_us + delay_us > shown_us + 1:
-            delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
+            delayed = f", plus {1e-3 * delay_us:g} ms for delays" if delay_us else ""
             raise TaskError(
                 f"tracking: at speed {self.speed:g} the frames last {1e-3 * shown_us:g} ms from "
-                f"the start of the window, expected {1e-3 * duration_us:g} ms for the "
-                f"path{delayed}; lower the speed"
+                f"the start of the window, but the path needs {1e-3 * duration_us:g} ms{delayed}; "
+                "lower the speed"
             )
 
     def pose(self, t_s: Float64) -> Float64:

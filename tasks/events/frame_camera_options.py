@@ -13,7 +13,7 @@ _MIN_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
 _EXPECTED = {
     "exposure": f"at least {_MIN_EXPOSURE_S:g} seconds",
     "full_well": f"a positive number of at most {_MAX_ELECTRONS:g}, or inf",
-    "read_noise": "a number of at least 0",
+    "read_noise": "a finite number, 0 or more",
 }
 
 

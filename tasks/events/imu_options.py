@@ -51,7 +51,7 @@ class ImuOptions:
             raise TaskError(f"imu: found {rate_hz:g} Hz, expected above 0 and at most 1e6")
         for name, value in values.items():
             if not 0 <= value < math.inf:
-                raise TaskError(f"{name}: found {value}, expected a number of at least 0")
+                raise TaskError(f"{name}: found {value}, expected a finite number, 0 or more")
             if rate_hz is None and value != getattr(NO_IMU, name):
                 raise TaskError(f"--{name.replace('_', '-')} {value} needs an IMU, --imu HZ")
 

@@ -24,7 +24,7 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
             raise TaskError(f"{path}: would overwrite the input {source}; choose another name")
     if os.path.lexists(path) and not path.is_dir():
         if not overwrite:
-            raise TaskError(f"{path}: exists already; add --overwrite to replace it")
+            raise TaskError(f"{path}: already exists; add --overwrite to replace it")
         if path.exists() and not path.is_file():
             raise TaskError(f"{path}: is a device or a pipe; choose another name")
 

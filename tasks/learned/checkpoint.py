@@ -102,7 +102,7 @@ def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
     is_whole = tensor.layout == torch.strided and not (tensor.is_quantized or tensor.is_meta)
     if not (is_number and is_whole) or tensor.dtype == torch.bool:
         raise WeightsError(
-            f"{file}: {name}: found {_kind(tensor)}, expected {_plain(dtype)} numbers"
+            f"{file}: {name}: found {_kind(tensor)}, expected {_plain(dtype)} values (strided)"
         )
     values = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
     if not torch.isfinite(values).all():

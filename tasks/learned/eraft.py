@@ -88,7 +88,7 @@ def load(file: Path) -> ERaft:
     model = content.get("model") if isinstance(content, Mapping) else None
     if not isinstance(model, Mapping) or _FIRST not in model:
         raise WeightsError(
-            f"{file}: found {held(content)}, expected model with the weights of E-RAFT"
+            f"{file}: found {held(content)}; expected an entry 'model' with the weights of E-RAFT"
         )
     return eraft_of(_with_both_names(tensors_of(model, file), file), file, (1,))
 

@@ -174,7 +174,7 @@ def _check_folder(out: Path, overwrite: bool) -> None:
         if not (file.name == TIMES or (file.suffix == ".png" and file.stem.isdigit())):
             raise TaskError(f"{out}: contains {file.name}, expected only images and {TIMES}")
     if files and not overwrite:
-        raise TaskError(f"{out}: exists already; add --overwrite to replace it")
+        raise TaskError(f"{out}: already exists; add --overwrite to replace it")
 
 
 def _images(

@@ -242,8 +242,10 @@ def check_facing(scene: Scene, path: Trajectory) -> None:
         axes = path.pose(np.linspace(0.0, scene.duration_s, POSES))[:, :3, 2]
         if np.all(axes @ plane.normal < _FACING - 1.0):
             return
-    what = "is not planar" if plane is None else "has a camera that turns away from the plane"
-    raise StudyError(f"simulate.same_lens: {scene.name} {what}; the camera must face a plane")
+    what = "is not planar" if plane is None else "has a camera at an angle to the plane"
+    raise StudyError(
+        f"simulate.same_lens: {scene.name} {what}; the camera must look straight at a plane"
+    )
 
 
 def check_speeds(place: str, simulate: Simulate, render: Render) -> None:

@@ -33,7 +33,7 @@ def test_any_scene_has_a_second_camera(small_carpet, tmp_path, eres):
     assert right.duration_s == pytest.approx(left.duration_s)
     code, _, error = eres("stereo", small_carpet.source, "--baseline", 0.1, "--out", out)
     assert code == 1
-    assert f"{out}: exists already; choose another name" in error
+    assert f"{out}: already exists; choose another name" in error
     new = tmp_path / "new.txt"
     code, _, error = eres("stereo", small_carpet.source, "--baseline", "nan", "--out", new)
     assert code == 1

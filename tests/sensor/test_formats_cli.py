@@ -474,7 +474,7 @@ def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
     for command, words in arguments.items():
         out.write_bytes(b"precious")
         code, _, err = eres(command, *words)
-        assert (code, f"{out}: exists already; add --overwrite" in err) == (1, True)
+        assert (code, f"{out}: already exists; add --overwrite" in err) == (1, True)
         assert out.read_bytes() == b"precious"
         assert eres(command, *words, "--overwrite")[0] == 0
         assert len(load_events(out)) > 0

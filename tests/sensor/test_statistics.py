@@ -145,17 +145,17 @@ def test_hundreds_of_bins_do_not_wrap():
     [
         (
             {"edges_us": np.geomspace(1, 10, 12)},
-            "found 12 edges_us of float64, 1.0, .*, expected two or",
+            "edges_us: found .*float64, expected",
         ),
         (
             {"edges_us": [100, 50]},
-            "found 2 edges_us of int64, 100, 50.*, expected two or more strictly",
+            "edges_us: found .*100  *50.* of type int64, expected",
         ),
         (
             {"edges_us": [10, 1 << 28]},
-            "found 2 edges_us .* from 0 to 2\\^28 - 1 us",
+            "edges_us: found .* from 0 to 2\\^28 - 1 us",
         ),
-        ({"edges_us": [10]}, "found 1 edges_us of int64, 10…, expected two or more"),
+        ({"edges_us": [10]}, "edges_us: found \\[10\\] of type int64, expected"),
         ({"window_us": (0.0, 0.2)}, "found window_us = 0.0, expected whole microseconds"),
         ({"every_row": 0}, "found every_row = 0, expected a positive integer"),
     ],

@@ -732,7 +732,7 @@ def test_images_that_appear_meanwhile_are_kept(made, tmp_path, eres, monkeypatch
 
     monkeypatch.setattr(video, "picture", meanwhile)
     code, _, err = eres("video", made.events_file, "--out", out, "--fps", 50)
-    assert (code, f"{out}: exists already" in err) == (1, True)
+    assert (code, f"{out}: already exists" in err) == (1, True)
     assert [file.name for file in tmp_path.iterdir()] == ["images"]
     assert [file.read_bytes() for file in out.iterdir()] == [b"of others"]
 

@@ -521,7 +521,7 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
             "--count: only for files of events",
         ),
         (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
-        (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
+        (["{events}", "--out", "{tmp}/file.mp4"], "already exists; add --overwrite"),
         (["{events}", "--out", "{tmp}/file.mp4/o.mp4"], "found a file, expected a folder"),
         (["{tmp}/none.h5", "--out", "{tmp}/o.mp4"], "none.h5: No such file"),
         (["{tmp}/file.mp4", "--out", "{tmp}/o.mp4"], "found extension '.mp4'"),

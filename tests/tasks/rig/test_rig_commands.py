@@ -139,5 +139,5 @@ def test_a_page_is_printed_with_its_markers(eres, tmp_path):
     assert (tmp_path / "print.pdf").read_bytes().startswith(b"%PDF")
     assert np.ptp(cv2.imread(str(tmp_path / "page.png"), -1)) > 100
     code, _, err = eres(*asked)
-    assert (code, "exists already" in err) == (1, True)
+    assert (code, "already exists" in err) == (1, True)
     assert eres(*asked, "--overwrite")[0] == 0

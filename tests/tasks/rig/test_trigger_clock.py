@@ -59,7 +59,7 @@ def test_edges_on_several_channels_are_refused(tmp_path):
     """Promise: edges of a camera's clock are not taken for those of the slider."""
     edges = Triggers(np.arange(4), np.array([0, 1] * 2, np.uint8), np.ones(4, np.int8))
     file = written(tmp_path, ["5000", "300000"], "slider_us")
-    with pytest.raises(RigError, match=r"triggers.csv: triggers: found edges on channel 0, 1;"):
+    with pytest.raises(RigError, match=r"triggers.csv: triggers: found edges on channels 0, 1;"):
         on_clock_of_events(SLIDER, file, lambda: edges)
 
 

@@ -363,7 +363,7 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
     write_calibration(file, [frames_solved])
     calibration, out = read_rig_calibration(file), tmp_path / "crops"
     (made,) = crop([recording], calibration, out)
-    with pytest.raises(TaskError, match=r"crop.json: exists already"):
+    with pytest.raises(TaskError, match=r"crop.json: already exists"):
         crop([recording], calibration, out)
     (made / "crop.json").unlink()
     with pytest.raises(RigError, match="crops: has no crops"):
@@ -778,7 +778,7 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     detected = ("rig", "detect", folder, "--out", corners, "--source", "frame", "--images", 10)
     assert run(monkeypatch, *detected) == 0
     assert run(monkeypatch, *detected) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     for blur in ("-1", "nan", "200"):
         assert run(monkeypatch, *detected, "--overwrite", "--blur", blur) == 1
         message = " ".join(capsys.readouterr().err.split())
@@ -795,7 +795,7 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     assert run(monkeypatch, *scored, "--cutoff", 90) == 0
     assert {row.cutoff_hz for row in read_rows(out / "rows.parquet")} == {90.0}
     assert run(monkeypatch, *scored) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     nothing = {"solve": (), "crop": ("--calibration", calibration), "evaluate": ()}
     for name, options in nothing.items():
         assert run(monkeypatch, "rig", name, "--out", tmp_path / "none", *options) == 2
