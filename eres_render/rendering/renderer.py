@@ -134,7 +134,7 @@ class Renderer:
 
         import mitsuba as mi
 
-        self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
+        self.integrator: Integrator = integrator or best_integrator(scene, self.variant)
         check_render_memory(camera, spp, self.integrator, self.variant)
         baked = self.integrator in ("baked", "baked-full")
         if baked:
@@ -588,7 +588,7 @@ def _check_plane(
         )
 
 
-def _best_integrator(scene: Scene, variant: str) -> Integrator:
+def best_integrator(scene: Scene, variant: str) -> Integrator:
     """Return the default integrator, as `Renderer` documents it; log why if it is "path"."""
     if scene.settings.objects:
         _log.info("path tracing every frame of %s, as objects move in it", scene.name)

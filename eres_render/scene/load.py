@@ -137,15 +137,16 @@ def _load_folder(folder: Path, source: str) -> Scene:
 
 def _load_xml(file: Path) -> Scene:
     xml = read_scene_xml(file)
+    fov_rad, film = xml.camera()
     settings = SceneToml(
         title=file.name,
         license="",
         length_unit="m",
         radiance_unit="W m^-2 sr^-1",
-        camera=CameraSettings(math.degrees(xml.fov_rad())),
+        camera=CameraSettings(math.degrees(fov_rad)),
         path=None,
     )
-    return Scene(file.stem, file, settings, str(file), xml.files)
+    return Scene(file.stem, file, settings, str(file), xml.files, film=film)
 
 
 def _check_value(file: Path, holds: bool, field: str, found: object, expected: str) -> None:

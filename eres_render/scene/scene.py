@@ -21,7 +21,7 @@ from eres_render.scene.settings import (
     TumPath,
     WaypointsPath,
 )
-from eres_render.scene.xml import canonical_xml
+from eres_render.scene.xml import Film, canonical_xml
 from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
 from eres_render.storage.settings_reader import Vector3
@@ -58,6 +58,9 @@ class Scene:
         All files that scene.xml names: meshes, images, included scene files.
     given_path
         A camera path; `settings` then have none.
+    film
+        Size of the images and samples per pixel that a Mitsuba file asks for, which `eres render`
+        uses; None for other scenes.
 
     Examples
     --------
@@ -75,6 +78,7 @@ class Scene:
     source: str
     files: tuple[Path, ...]
     given_path: Trajectory | None = None
+    film: Film | None = None
 
     @property
     def folder(self) -> Path:

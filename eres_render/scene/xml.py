@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from eres_render.errors import SceneError, reading
@@ -18,8 +19,16 @@ _log = logging.getLogger(__name__)
 _MAX_NESTED = 100  # Mitsuba's parser ends the process at thousands
 _MAX_CHARACTERS = 1 << 16
 _MAX_FILES = 20_000  # files that include others twice reach it soon
-_FILM_PX = (768, 576)  # Mitsuba's own default
+_USUAL = {"film width": 768, "film height": 576, "sampler sample_count": 4}  # Mitsuba's own
 _FULL_FRAME_MM = math.hypot(36.0, 24.0)
+
+
+class Film(NamedTuple):
+    """Size of the images that a scene file asks for, px, and the samples per pixel."""
+
+    width: int
+    height: int
+    spp: int
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,8 +52,8 @@ class SceneXml:
     cameras: tuple[Element, ...]
     shape_ids: frozenset[str]
 
-    def fov_rad(self) -> float:
-        """Return the horizontal field of view of the camera, radians."""
+    def camera(self) -> tuple[float, Film]:
+        """Return the horizontal field of view of the camera, radians, and its film."""
         if len(self.cameras) != 1:
             raise SceneError(
                 f"{self.file}: found {len(self.cameras)} cameras (<sensor>), expected exactly one"
@@ -62,7 +71,8 @@ class SceneXml:
                     element.get("name"),
                 )
         try:
-            return _fov_rad(camera)
+            film = _film(camera)
+            return _fov_rad(camera, film.width / film.height), film
         except ValueError as error:
             raise SceneError(f"{self.file}: camera: {error}") from error
 
@@ -167,15 +177,23 @@ class _Reader:
         raise SceneError(f"{named_in}: names {name!r}, but {self.top.parent / name} is missing")
 
 
-def _fov_rad(camera: Element) -> float:
+def _film(camera: Element) -> Film:
+    """Return the film of a camera, with the samples per pixel of its sampler."""
+    given = {
+        f"{of} {element.get('name')}": element.get("value", "")
+        for of in ("film", "sampler")
+        for element in camera.iterfind(f"{of}/integer")
+    }
+    values = (
+        _number(name, given.get(name, str(usual)), math.inf, "a positive whole number", int)
+        for name, usual in _USUAL.items()
+    )
+    return Film(*map(int, values))
+
+
+def _fov_rad(camera: Element, aspect: float) -> float:
     """Return the horizontal field of view of a camera, as Mitsuba's `perspective` computes it."""
     values = {e.get("name", ""): e.get("value", "") for e in camera}
-    sides = {e.get("name", ""): e.get("value", "") for e in camera.iterfind("film/integer")}
-    width, height = (
-        _number(f"film {name}", sides.get(name, str(usual)), math.inf, "a whole number of px", int)
-        for name, usual in zip(("width", "height"), _FILM_PX, strict=True)
-    )
-    aspect = width / height
     axis = values.get("fov_axis", values.get("fovAxis", "x"))
     if "fov" in values:
         fov_deg = _number("fov", values["fov"], 180.0, "between 0 and 180 degrees")

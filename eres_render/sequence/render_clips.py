@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Iterator
@@ -17,15 +18,18 @@ from numpy.typing import NDArray
 from eres_render.camera import Camera
 from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
-from eres_render.rendering.backend import release_render_memory
-from eres_render.rendering.renderer import Integrator, Renderer
+from eres_render.rendering.backend import release_render_memory, select_variant
+from eres_render.rendering.lightmaps import has_lightmaps
+from eres_render.rendering.renderer import Integrator, Renderer, best_integrator
 from eres_render.scene.scene import Scene
 from eres_render.sequence.clips import Clip, clips, continuous_stretch
+from eres_render.sequence.estimate import estimate
 from eres_render.sequence.manifest import FORMAT_VERSION, RENDER_VERSION, Manifest, plane_values
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.sequence.sequence import (
     RadianceSequence,
     SequenceWriter,
+    is_complete,
     open_sequence,
     read_ahead,
     read_path,
@@ -38,6 +42,8 @@ from eres_render.trajectory.frame_times import (
     earlier_times,
     warn_if_far_apart,
 )
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False, kw_only=True)
@@ -278,12 +284,14 @@ def render_scene(
     continuous: bool = False,
     camera: Camera | None = None,
     warm_up_s: float | None = None,
+    dry_run: bool = False,
     on_progress: Progress = silent,
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    Existing frames are not rendered again. Warnings give the noise of path-traced frames and the
-    number of false events that it causes, and say if frames are far apart.
+    Existing frames are not rendered again. The log first gives the number of frames, their disk
+    space and time. Warnings give the noise of path-traced frames and the number of false events
+    that it causes, and say if frames are far apart.
 
     Parameters
     ----------
@@ -304,13 +312,15 @@ def render_scene(
         not grow with the number of frames.
     warm_up_s
         Length of each clip before its window, s; by default as in `clips`.
+    dry_run
+        Whether only to log what it would take; light is not baked.
     on_progress
         Called while light is baked, and for each rendered frame.
 
     Returns
     -------
     sequences
-        One for each clip.
+        One for each clip; none after a dry run.
 
     Raises
     ------
@@ -325,6 +335,7 @@ def render_scene(
     >>> [sequence.folder.name for sequence in sequences]
     ['clip_000']
     """
+    camera = camera or scene.camera(resolution)
     scene.trajectory(camera)  # a bad path is refused before anything is loaded or baked
     if continuous:
         for name, value in (("samples", samples), ("warm_up", warm_up_s)):
@@ -335,15 +346,33 @@ def render_scene(
         before = {} if warm_up_s is None else {"warm_up_s": warm_up_s}
         fitting = clips(scene, duration_s, samples=samples, **before)
         wanted = {f"clip_{c.index:03d}": c for c in fitting}
+    folders = {Path(out_dir) / name: clip for name, clip in wanted.items()}
+    known: dict[str, object] = {
+        "width": camera.width,
+        "height": camera.height,
+        "fov_rad": camera.fov_rad,
+    }
+    known |= {"spp": spp, "seed": seed, "max_displacement_px": max_displacement_px}
+    known["scene_digest"] = scene.digest
+    missing = [clip for folder, clip in folders.items() if not is_complete(folder, known)]
     warn_if_far_apart(scene.name, max_displacement_px)
-    renderer = Renderer(scene, resolution, spp, seed, integrator, on_progress, camera=camera)
+    unbaked = False
+    if dry_run:
+        integrator = integrator or best_integrator(scene, select_variant())
+        unbaked = integrator in ("baked", "baked-full") and not has_lightmaps(scene)
+    how: Integrator | None = "emission" if unbaked else integrator
+    renderer = Renderer(scene, resolution, spp, seed, how, on_progress, camera=camera)
+    if missing:
+        after = ", after light is baked" if unbaked else ""
+        _log.info("%s%s", estimate(renderer, missing, max_displacement_px), after)
+    if dry_run:
+        return []
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
     sequences = []
-    for k, (name, clip) in enumerate(wanted.items(), start=1):
+    for k, (folder, clip) in enumerate(folders.items(), start=1):
 
         def on_frame(stage: str, done: float, total: float, /, k: int = k) -> None:
             on_progress(f"{stage} {scene.name}, sequence {k} of {len(wanted)}", done, total)
 
-        folder = Path(out_dir) / name
         sequences.append(render_clip(renderer, clip, folder, max_displacement_px, on_frame))
     return sequences

@@ -252,6 +252,29 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
     return T_world_cam, trajectory
 
 
+def is_complete(folder: Path, known: Mapping[str, object]) -> bool:
+    """Return whether a folder holds a complete sequence; refuse one with other values.
+
+    Parameters
+    ----------
+    known
+        Values of the manifest; the place of the scene does not matter.
+    """
+    if not (folder / "manifest.json").exists():
+        return False
+    manifest = read_manifest(folder)
+    for name, new in known.items():
+        old = getattr(manifest, name)
+        # Older files do not have the plane; scene_digest covers it.
+        same = old == new or (name == "plane" and old is None)
+        if not same and name not in ("complete", "scene_source"):
+            change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
+            raise RenderError(
+                f"{folder}: found a sequence with {change}; remove the folder, or choose another"
+            )
+    return manifest.complete
+
+
 class SequenceWriter:
     """Writes a sequence frame by frame, or continues an unfinished one.
 
@@ -291,9 +314,9 @@ class SequenceWriter:
         self._is_complete = False  # on disk
         exists = (folder / "manifest.json").exists()
         if exists:
-            old = read_manifest(folder)
-            self._check_same(old)
-            self._is_complete = old.complete
+            names = (field.name for field in dataclasses.fields(Manifest))
+            known = {name: getattr(self.manifest, name) for name in names}
+            self._is_complete = is_complete(folder, known)
         make_folder(folder / "frames")
         offset_us, t_s = manifest.t_offset_us, np.array(manifest.t_s)
         path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
@@ -303,20 +326,6 @@ class SequenceWriter:
         write_sums(folder, self.checksums)  # without lines that a kill left unfinished
         if not self._is_complete:
             write_manifest(folder, self.manifest)
-
-    def _check_same(self, other: Manifest) -> None:
-        """Refuse a manifest of other frames; the place of the scene does not matter."""
-        for name in (field.name for field in dataclasses.fields(Manifest)):
-            old, new = getattr(other, name), getattr(self.manifest, name)
-            # Older files do not have the plane; scene_digest covers it.
-            same = old == new or (name == "plane" and old is None)
-            if same or name in ("complete", "scene_source"):
-                continue
-            change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
-            raise RenderError(
-                f"{self.folder}: found a sequence with {change}; remove the folder, or choose "
-                "another"
-            )
 
     def file(self, i: int) -> Path:
         """Return the file of frame i."""

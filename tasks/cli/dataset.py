@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Fixed, OmitArgPrefixes, Positional, Suppress, arg
 
+from eres_render.errors import check_positive
 from eres_render.sequence.clips import WARM_UP_S
 from sensor.cameras.files import UNLIMITED
 from tasks.cli import terminal
@@ -68,6 +70,7 @@ def dataset(
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
+    dry_run: bool = False,
     sensor: OmitArgPrefixes[_AtEachCutoff] = _USUAL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
     frame_camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
@@ -104,8 +107,12 @@ def dataset(
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers make the sequences. All of them
         must see OUT under the same path.
+    dry_run
+        Only print how many frames there are, and how much time and disk space they take.
     """
     from tasks.generation.dataset import make_dataset
+    from tasks.generation.estimate import estimate
+    from tasks.generation.sequence import sequence_folder
     from tasks.generation.settings import DatasetSettings
 
     if sensor.sensor is None and sensor.resolution is None:
@@ -133,6 +140,11 @@ def dataset(
     except TaskError as error:
         name, colon, rest = str(error).partition(":")
         raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{rest}") from error
+    if dry_run:
+        check_positive("count", count, TaskError)
+        made = sum(sequence_folder(out, number).is_dir() for number in range(count))
+        logging.getLogger(__name__).info(estimate(settings, count - made))
+        return
     with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
     terminal.say(f"{out}: {len(folders)} sequence{'s' * (len(folders) != 1)}")

@@ -39,12 +39,12 @@ def bake(
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Size of the frames and lens; by default the scene's view in 1280 x 1280 px.
+    """Size of the frames and lens; by default that of a Mitsuba .xml, or else 1280 x 1280 px.
 
     Parameters
     ----------
     resolution
-        Side of square frames, px; 1280 by default.
+        Side of square frames, px.
     width
         Width of frames of any shape, px; give the height too. The horizontal field of view is that
         of the scene.
@@ -80,9 +80,11 @@ class View:
             return read_camera(self.camera, self.camera_name)
         if self.camera_name is not None:
             raise RenderError(f"--camera-name {self.camera_name} needs --camera")
-        if self.width is None or self.height is None:
-            return scene.camera(1280 if self.resolution is None else self.resolution)
-        return scene.camera(self.width, self.height)
+        if self.resolution is not None:
+            return scene.camera(self.resolution)
+        if self.width is None and scene.film is not None:
+            return scene.camera(scene.film.width, scene.film.height)
+        return scene.camera(self.width or 1280, self.height)
 
 
 OF_THE_SCENE = View()
@@ -91,7 +93,7 @@ OF_THE_SCENE = View()
 def render(
     scene: ScenePath,
     out: Path,
-    spp: int = 16,
+    spp: int | None = None,
     max_displacement: float = 0.5,
     duration: float | None = None,
     samples: int | None = None,
@@ -100,6 +102,7 @@ def render(
     integrator: Literal["baked", "baked-full", "path", "emission"] | None = None,
     seed: int = 0,
     warm_up: float | None = None,
+    dry_run: bool = False,
     view: OmitArgPrefixes[View] = OF_THE_SCENE,
 ) -> None:
     """Render HDR frames along a camera path.
@@ -114,7 +117,8 @@ def render(
     out
         Folder for the clips.
     spp
-        Samples per pixel: 1, 4, 9, 16, ...
+        Samples per pixel: 1, 4, 9, 16, ...; by default those of a Mitsuba .xml, rounded up, or
+        else 16.
     max_displacement
         Largest motion in the image between two frames, px.
     duration
@@ -137,10 +141,14 @@ def render(
         Length of a clip before its window, seconds; by default 0.0382, six time constants of a
         50 Hz filter at twice the speed. Dense flow needs 0.05 more. A longer one adds frames and
         changes none.
+    dry_run
+        Only print how many frames there are, and how much time and disk space they take.
     """
     from eres_render import load_scene, render_scene
 
     loaded = load_scene(scene, trajectory)
+    if spp is None:
+        spp = math.ceil(math.sqrt(loaded.film.spp)) ** 2 if loaded.film else 16
     with terminal.progress() as on_progress:
         sequences = render_scene(
             loaded,
@@ -154,6 +162,7 @@ def render(
             samples=samples,
             continuous=continuous,
             warm_up_s=warm_up,
+            dry_run=dry_run,
             on_progress=on_progress,
         )
     for sequence in sequences:

@@ -36,6 +36,8 @@ class TrainingOptions:
         Seed of the crops and the initial weights.
     device
         Where to compute; by default a GPU if PyTorch finds one.
+    dry_run
+        Only print how much time, memory and disk space it takes.
     """
 
     out: Path
@@ -44,6 +46,7 @@ class TrainingOptions:
     sensor: str | None = None
     seed: int = 0
     device: Literal["cpu", "cuda"] | None = None
+    dry_run: bool = False
 
 
 def reconstruction(training: OmitArgPrefixes[TrainingOptions]) -> None:
@@ -116,8 +119,11 @@ def _train(settings: Any, options: TrainingOptions) -> None:
             options.out.resolve(),
             device=options.device,
             made_with=environment(),
+            dry_run=options.dry_run,
             on_progress=on_progress,
         )
+    if options.dry_run:
+        return
     table = Table("held-out crops", *("network", *problem.baselines), title=problem.score, box=None)
     for name, values in scores.items():
         table.add_row(name, *(f"{value:.2f}" for value in values))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from eres_render.cores import cores
+from eres_render.progress import cost
 from tasks.generation.settings import DatasetSettings
 
 # Means over the first 100 (motion) or 5 (the rest) random scenes of seed 0, on a virtual AMD EPYC
@@ -28,11 +29,5 @@ def estimate(settings: DatasetSettings, count: int) -> str:
     a_file = events * _BYTES_AN_EVENT + truths * pixels * _BYTES_A_TRUTH_PX
     disk_bytes = frames * pixels * _BYTES_A_FRAME_PX + len(settings.cutoffs_hz) * a_file
     cpu_s = views * _SEQUENCE_S + frames * (_FRAME_S + pixels * settings.spp * _SAMPLE_S)
-    minutes = max(1, round(cpu_s / min(cores(), _MAX_CORES) / 60))
-    disk = f"{max(1.0, disk_bytes / 1e6):.0f} MB"
-    if disk_bytes >= 1e9:
-        disk = f"{disk_bytes / 1e9:.2g} GB"
-    return (
-        f"{count} sequence{'s' * (count != 1)} to make: about {frames:.0f} frames, {disk} on disk, "
-        f"{minutes} min"
-    )
+    takes = cost(disk_bytes, cpu_s / min(cores(), _MAX_CORES))
+    return f"{count} sequence{'s' * (count != 1)} to make: about {frames:.0f} frames, {takes}"

@@ -116,7 +116,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         f'<sensor type="perspective">{inner}{film}</sensor>',
     )
     expected = float(np.asarray(mi.traverse(mi.load_file(str(xml)).sensors()[0])["x_fov"])[0])
-    assert math.degrees(read_scene_xml(xml).fov_rad()) == pytest.approx(expected, rel=1e-5)
+    assert math.degrees(read_scene_xml(xml).camera()[0]) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
         ),
         (
             '<film type="hdrfilm"><integer name="height" value="0"/></film>',
-            "film height: found '0', expected a whole number of px",
+            "film height: found '0', expected a positive whole number",
         ),
     ],
 )

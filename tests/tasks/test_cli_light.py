@@ -1,6 +1,7 @@
 """Commands for light: any scene, truth, convergence; an error for bad input."""
 
 import json
+import logging
 import re
 
 import h5py
@@ -9,6 +10,7 @@ import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
 from eres_render.rendering import backend
+from eres_render.sequence import render_clips
 from eres_render.storage.exr import read_luminance
 from light_scenes import (
     CAMERA,
@@ -72,6 +74,38 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert eres("truth", sequence.folder, *wide)[0] == 0
     camera = json.loads((tmp_path / "wide" / "camera.json").read_text())
     assert (camera["width"], camera["height"]) == (20, 12)
+
+
+FILMED = """<sensor type="perspective"><float name="fov" value="50"/>
+<film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/></film>
+<sampler type="independent"><integer name="sample_count" value="5"/></sampler></sensor>"""
+
+
+@pytest.mark.usefixtures("unmeasured_noise")
+def test_a_mitsuba_file_has_its_own_size_and_samples(eres, tmp_path, monkeypatch, caplog):
+    """Promise: film and sampler decide unless told otherwise, with samples rounded up to a square;
+    a dry run tells frames and cost and writes nothing; other settings are refused at once."""
+    xml, poses = write_scene(tmp_path, FILMED, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
+    out = tmp_path / "out"
+    given = [xml, "--trajectory", poses, "--out", out, "--max-displacement", 2, "--continuous"]
+    with caplog.at_level(logging.INFO):
+        assert eres("render", *given, "--dry-run")[0] == 0
+    assert not out.exists()
+    said = r"1 sequence to render: about (\d+) frames of 24x18 px, 1 MB on disk, \d+ s"
+    counted = re.search(said, caplog.text)
+    assert eres("render", *given)[0] == 0
+    frames = open_sequence(out / "continuous")
+    assert (frames.manifest.width, frames.manifest.height, frames.manifest.spp) == (24, 18, 9)
+    assert len(frames) == int(counted[1])
+    monkeypatch.setattr(render_clips, "Renderer", None)
+    for options, said in (
+        (["--resolution", 24], "height 18, not 24"),
+        (["--width", 36, "--height", 18], "width 24, not 36"),
+        (["--spp", 16], "spp 9, not 16"),
+        (["--seed", 3], "seed 0, not 3"),
+    ):
+        code, _, err = eres("render", *given, *options)
+        assert (code, f"continuous: found a sequence with {said}" in err) == (1, True)
 
 
 def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):

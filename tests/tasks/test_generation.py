@@ -159,6 +159,19 @@ def stopped(*_, **__):
     raise KeyboardInterrupt
 
 
+def test_a_dry_run_of_a_dataset_only_tells_what_it_takes(made, eres, tmp_path, caplog):
+    """Promise: sequences that are there do not count, and nothing is written."""
+    before = contents(made)
+    for out, missing in ((made, "1 sequence"), (tmp_path / "new", "3 sequences")):
+        caplog.clear()
+        with caplog.at_level(logging.INFO):
+            assert eres("dataset", out, "--count", 3, "--dry-run", *OPTIONS)[0] == 0
+        assert re.search(
+            rf"^{missing} to make: about \d+ frames, \d+ MB on disk", caplog.messages[-1]
+        )
+    assert (contents(made), (tmp_path / "new").exists()) == (before, False)
+
+
 def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
     before = contents(made)
     for options, found in (

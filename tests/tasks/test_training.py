@@ -589,6 +589,23 @@ def test_options_of_a_training_reach_it(network, eres, tmp_path, monkeypatch):
     assert asked == [(f"{network.capitalize()}Training", "ideal", 7, tmp_path, "cpu")]
 
 
+def test_a_dry_run_of_a_training_only_tells_what_it_takes(eres, tmp_path, monkeypatch, caplog):
+    """Promise: steps, memory, disk space and time are told, and nothing is written."""
+    monkeypatch.setitem(
+        RECONSTRUCTIONS, "trial", replace(TINY, schedule=replace(BRIEF, steps=9000))
+    )
+    given = "--config", "trial", "--out", tmp_path / "new", "--dry-run"
+    with caplog.at_level(logging.INFO):
+        assert eres("train", "reconstruction", *given)[:2] == (0, "")
+    weights = sum(map(torch.numel, Reconstruction(TINY, "all", 0).network.parameters()))
+    said = (
+        rf"9000 steps of 1 crops, {weights} weights: about 0\.\d GB of memory, 1 MB on disk, (.*)"
+    )
+    amount, unit = re.fullmatch(said, caplog.messages[-1])[1].split()
+    assert 10 < float(amount) * {"s": 1, "min": 60, "h": 3600}[unit] < 9000
+    assert not (tmp_path / "new").exists()
+
+
 def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
     """Promise: a finished run's scores, and a card with data, time, code, scores, limits."""
     folder, _, _ = run

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import logging
 import math
@@ -16,7 +17,7 @@ from torch.optim import Optimizer
 from eres_render.cores import cores
 from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
-from eres_render.progress import silent
+from eres_render.progress import cost, silent
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
 from tasks.ahead import made_ahead
@@ -32,6 +33,8 @@ from tasks.learned.training.settings import Schedule
 Scores = dict[str, list[float]]
 
 _logger = logging.getLogger(__name__)
+
+_BYTES_A_WEIGHT = 14  # on disk: half precision, and with two moments in the checkpoint
 
 
 @dataclass(slots=True)
@@ -141,6 +144,25 @@ def check_machine(problem: Problem, device: str | None) -> None:
             f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
             "schedule.validation_crops"
         )
+
+
+def estimate(problem: Problem, schedule: Schedule, device: str | None) -> str:
+    """Describe in one line what a training takes; a copy of the network learns one step twice."""
+    place, trial = device_of(device), copy.deepcopy(problem)
+    trial.network.to(place).train()
+    optimizer = optimizer_of(trial, schedule)
+    for _ in range(2):  # the first time it compiles
+        started_s = time.perf_counter()
+        batch = trial.batch(0)
+        made_s = time.perf_counter()
+        learn(trial, schedule, optimizer, 0, batch, place)
+    step_s = time.perf_counter() - made_s + (made_s - started_s) / cores()
+    weights = sum(tensor.numel() for tensor in problem.network.parameters())
+    takes = cost(_BYTES_A_WEIGHT * weights, schedule.steps * step_s)
+    return (
+        f"{schedule.steps} steps of {schedule.crops_per_step} crops, {weights} weights: about "
+        f"{problem.memory_bytes() / 1e9:.1f} GB of memory, {takes}"
+    )
 
 
 def device_of(name: str | None) -> torch.device:

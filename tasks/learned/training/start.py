@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,12 +11,14 @@ from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from sensor.cameras.files import values_of
 from tasks.learned.training.flow import Flow
-from tasks.learned.training.loop import Scores, check_machine, device_of, train
+from tasks.learned.training.loop import Scores, check_machine, device_of, estimate, train
 from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
 from tasks.learned.training.run_folder import WEIGHTS_FILE, opened
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 from tasks.random_crops.settings import CropLight
+
+_logger = logging.getLogger(__name__)
 
 
 def start(
@@ -26,9 +29,10 @@ def start(
     *,
     device: str | None = None,
     made_with: Mapping[str, str],
+    dry_run: bool = False,
     on_progress: OnProgress = silent,
 ) -> tuple[Problem, Scores]:
-    """Start or continue a training.
+    """Start or continue a training; the log first gives its time, memory and disk space.
 
     Parameters
     ----------
@@ -37,6 +41,8 @@ def start(
     seed
         Seed of the crops and of the initial weights. The light changes neither the textures,
         motions and thresholds of the crops nor the initial weights.
+    dry_run
+        Whether only to log what it would take; there are no scores then.
 
     Returns
     -------
@@ -53,7 +59,10 @@ def start(
         described["crops"]["sensor"] = values_of(settings.crops.camera)
     if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
         check_machine(problem, device)  # before the folder keeps settings that cannot be trained
+        _logger.info("%s", estimate(problem, settings.schedule, device))
         made_with = {**made_with, "device": device_of(device).type}
+    if dry_run:
+        return problem, {}
     with opened(folder, described, made_with):
         scores = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
     return problem, scores
