@@ -131,7 +131,7 @@ WINGS = {
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.events"},
-    "tasks.view": {"tasks.events"},
+    "tasks.view": {"tasks.events", "tasks.footage"},
     "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},

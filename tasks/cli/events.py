@@ -250,7 +250,7 @@ def view(
     rerun
         Open the Rerun viewer instead of writing a file (in a checkout: pip install '.[viewer]').
     over
-        Draw the events over the frames of this rendered clip.
+        Draw the events over the frames of this rendered clip, video or folder of images.
     show
         What to draw of rendered clips: their frames, or their true depth or optical flow.
     format

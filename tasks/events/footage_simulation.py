@@ -83,6 +83,8 @@ def simulate_footage(
         footage.encoding,
     )
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
+    if footage.fps is not None:
+        origin["fps"] = footage.fps
     sensor_px = model.width / (columns.stop - columns.start)
     if interpolate is None:
         far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))

@@ -51,6 +51,8 @@ class Footage:
         Function that starts reading: it returns an iterator of (H, W) float32.
     mender
         Mends and counts float pixels that are no light; None for integers.
+    fps
+        Frames per second that replace the video's own times.
     """
 
     path: Path
@@ -62,6 +64,7 @@ class Footage:
     white_level: float
     frames: Callable[[], Iterator[Float32]]
     mender: Mender | None = None
+    fps: float | None = None
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -196,4 +199,5 @@ def open_footage(
         white_level=white,
         frames=frames,
         mender=mender,
+        fps=fps,
     )

@@ -1,10 +1,12 @@
-"""Rendered clips as pictures: frames, true depth and true optical flow."""
+"""Rendered clips and footage as pictures: frames, true depth and true optical flow."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import crop_to_aspect
+from tasks.footage import Footage
 from tasks.view.drawing import Picture, depth_colors, flow_colors, tone_mapped
 from tasks.view.layout import Panel
 
@@ -20,28 +23,39 @@ _FLOW_STEP_S = 1e-3
 _TRUTH_WIDTH = 640  # px; a ray is cast for every pixel
 
 
-class ClipFrames:
-    """The frames of a rendered clip by time on the clock of events.
+class TimedFrames:
+    """Frames by time on the clock of events.
 
     Parameters
     ----------
+    path
+        Where they are.
+    frames
+        A rendered clip, or footage.
+    read
+        Returns frame i, (H, W) of linear radiance.
     speed
         Factor by which the scene moved faster for the events than in the frames.
     shift_us
         How far the events were shifted since, us.
     """
 
-    def __init__(self, sequence: RadianceSequence, speed: float = 1.0, shift_us: int = 0) -> None:
-        self.sequence = sequence
+    def __init__(
+        self,
+        path: Path,
+        frames: RadianceSequence | Footage,
+        read: Callable[[int], NDArray[np.float32]],
+        speed: float,
+        shift_us: int = 0,
+    ) -> None:
+        self.path = path
         self._speed = speed
-        self._times_s = sequence.t_s
-        self._offset_us = sequence.t_offset_us + shift_us
-        times_us = np.ceil(sequence.t_s / speed * 1e6).astype(int)
+        self._times_s = frames.t_s
+        self._offset_us = frames.t_offset_us + shift_us
+        times_us = np.ceil(frames.t_s / speed * 1e6).astype(int)
         self._times_us = times_us + self._offset_us  # of events that see a frame
-        self._read = lru_cache(maxsize=1)(self._mapped)
-
-    def _mapped(self, i: int) -> Picture:
-        return tone_mapped(self.sequence.frame(i), self.sequence.white_level)
+        white = frames.white_level
+        self._read = lru_cache(maxsize=1)(lambda i: tone_mapped(read(i), white))
 
     def path_s(self, t_us: int) -> float:
         """Return the time on the clip's path, s, from its first frame to its last."""
@@ -89,6 +103,28 @@ class ClipFrames:
         how = cv2.INTER_AREA if width < frame.shape[1] else cv2.INTER_LINEAR
         view = cv2.resize(frame[rows, columns], (width, height), interpolation=how)
         return view.astype(np.uint8, copy=False)
+
+
+class ClipFrames(TimedFrames):
+    """The frames of a rendered clip."""
+
+    def __init__(self, sequence: RadianceSequence, speed: float = 1.0, shift_us: int = 0) -> None:
+        super().__init__(sequence.folder, sequence, sequence.frame, speed, shift_us)
+        self.sequence = sequence
+
+
+class FootageFrames(TimedFrames):
+    """The frames of footage, read in order; an earlier frame starts again."""
+
+    def __init__(self, footage: Footage, speed: float) -> None:
+        super().__init__(footage.path, footage, self._frame, speed)
+        self._footage, self._frames, self._next = footage, iter(footage), 0
+
+    def _frame(self, i: int) -> NDArray[np.float32]:
+        if i < self._next:
+            self._frames, self._next = iter(self._footage), 0
+        skipped, self._next = i - self._next, i + 1
+        return next(islice(self._frames, skipped, None))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from sensor.formats import Header
 from sensor.model import SensorModel
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.origin import in_text
-from tasks.view.clip import ClipFrames, ClipSource
+from tasks.view.clip import ClipSource, TimedFrames
 from tasks.view.drawing import Palette, draw_events, plain
 from tasks.view.layout import Panel
 from tasks.view.windows import windows
@@ -38,7 +38,7 @@ class EventSource:
     count: int | None = None
     format: str | None = None
     reading: ReadOptions = AS_STORED
-    frames: ClipFrames | None = None
+    frames: TimedFrames | None = None
     start_us: int | None = None
     camera: str = ""
 

@@ -13,10 +13,20 @@ from sensor import errors
 from sensor.cameras import EventCamera, find_camera
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
+from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.events.simulation import FASTEST
-from tasks.origin import shift_us
-from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
+from tasks.footage import Footage
+from tasks.origin import in_text, shift_us
+from tasks.view.clip import (
+    ClipFrames,
+    ClipSource,
+    DepthSource,
+    FlowSource,
+    FootageFrames,
+    FrameSource,
+    TimedFrames,
+)
 from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
 from tasks.view.look import Look
@@ -50,7 +60,7 @@ def open_subject(
     paths: Sequence[Path],
     look: Look,
     *,
-    over: RadianceSequence | None,
+    over: Path | None,
     show: Show,
     reading: ReadOptions,
     format: str | None,
@@ -77,7 +87,7 @@ def open_subject(
 
     def source(path: Path) -> Source:
         if path not in headers:
-            return _clip_source(_beside(open_sequence(path), headers), show)
+            return _clip_source(_rendered(open_sequence(path), headers), show)
         return EventSource(
             path,
             headers[path],
@@ -86,7 +96,7 @@ def open_subject(
             count=look.count,
             format=format,
             reading=reading,
-            frames=None if over is None else _beside(over, {path: headers[path]}),
+            frames=None if over is None else _behind(over, path, headers[path]),
             start_us=_us(look.start),
             camera=camera.name,
         )
@@ -100,8 +110,20 @@ def _header(path: Path, reading: ReadOptions, format: str | None) -> Header:
         return header.with_size(reading.size)
 
 
-def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header]) -> ClipFrames:
-    """Return frames on the clock of files of events."""
+def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
+    """Return the frames of a clip or of footage on the clock of a file of events."""
+    options, origin = NO_FOOTAGE, header.origin
+    if origin.get("footage") == in_text(over.name):
+        fps, encoding = origin.get("fps"), origin.get("encoding")
+        options = FootageOptions(fps=None if fps is None else float(fps), encoding=str(encoding))
+    frames = open_source_frames(over, options)
+    if isinstance(frames, Footage):
+        return FootageFrames(frames, _speed(path, header))
+    return _rendered(frames, {path: header})
+
+
+def _rendered(sequence: RadianceSequence, headers: Mapping[Path, Header]) -> ClipFrames:
+    """Return the frames of a clip on the clock of files of events."""
     clocks = set()
     for path, header in headers.items():
         speed = _speed(path, header)
@@ -151,7 +173,7 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
         first_us, last_us = frames.span_us()
         if last_us < start_us or first_us > end_us:
             raise TaskError(
-                f"{frames.sequence.folder}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
+                f"{frames.path}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
                 f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
             )
     return Subject(sources, start_us, end_us, tuple(counts))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from eres_render import open_sequence
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
@@ -60,7 +59,7 @@ def view(
     look
         Which events are shown, and how.
     over
-        Rendered clip that is drawn behind the events.
+        Rendered clip, video or folder of images that is drawn behind the events.
     show
         What is drawn of rendered clips.
     reading, format
@@ -103,9 +102,9 @@ def view(
     files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if out is not None:
         check_new(out, overwrite, *files)
-    clip = None if over is None else open_sequence(over)
+    behind = None if over is None else Path(over)
     subject = open_subject(
-        files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
+        files, look, over=behind, show=show, reading=reading, format=format, on_progress=on_progress
     )
     if kind == ".html" and out is not None:
         if len(subject.event_sources) < len(subject.sources):

@@ -17,12 +17,14 @@ from PIL import Image
 
 from browser import LOW_CONTRAST, watched
 from eres_render import Camera, ground_truth, load_scene, open_sequence, render_scene
+from eres_render.progress import silent
 from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
 from moving_objects import FLOOR, SPHERE, folder_of, moved, write_path
-from sensor import SensorModel
+from sensor import SensorModel, to_linear
 from sensor.formats import Header, load_events, read_header, write_events
 from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED
 from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.drawing import (
     PALETTES,
@@ -36,8 +38,9 @@ from tasks.view.drawing import (
 from tasks.view.event_file import EventSource
 from tasks.view.files import possible_fps, write_mp4
 from tasks.view.layout import Layout, Panel
+from tasks.view.look import Look
 from tasks.view.player_frames import pack_frames
-from tasks.view.subject import _beside
+from tasks.view.subject import _rendered, open_subject
 from tasks.view.view import _small_enough
 from tasks.view.windows import Span, span_of, windows
 
@@ -357,6 +360,28 @@ def test_frames_are_those_of_the_sensor_and_its_clock(clip):
     assert np.abs(seen - blocks).max() <= 0.5
 
 
+@pytest.mark.parametrize("options", [(), ("--fps", 250.0)])
+@pytest.mark.parametrize("ending", ["webp", "html"])
+def test_events_are_over_the_footage_they_are_of(eres, tmp_path, options, ending):
+    """Promise: behind events is the last frame of the video up to their time, at the frame rate for
+    which they were simulated."""
+    levels, fps = np.arange(40, 200, 16), options[1] if options else 25.0
+    video, events, out = (tmp_path / name for name in ("gray.mp4", "gray.h5", f"gray.{ending}"))
+    write_mp4(video, (np.full((32, 48, 3), level, np.uint8) for level in levels), 25.0)
+    assert eres("simulate", video, "--out", events, "--resolution", 48, *options)[0] == 0
+    subject = open_subject(
+        [events], Look(), over=video, show="frames", reading=AS_STORED, format=None,
+        on_progress=silent,
+    )  # fmt: skip
+    (source,) = subject.event_sources
+    times_us = [round(1e6 * (k + 0.5) / fps) for k in (0, 3, 4, 9, 2)]
+    shown = [source.frames.at(t_us)[5, 5].tolist() for t_us in times_us]
+    linear = to_linear(levels[[0, 3, 4, 9, 2]].astype(np.uint8), "rec709")
+    expected = 255 * linear ** (1 / 2.2)
+    np.testing.assert_allclose(shown, np.repeat(expected[:, None], 3, axis=1), atol=3)
+    assert eres("view", events, "--over", video, "--out", out)[0] == 0
+
+
 @pytest.mark.parametrize("show", ["frames", "depth", "flow"])
 def test_clips_and_events_beside_them(eres, tmp_path, clip, show):
     out = tmp_path / "clip.png"
@@ -427,13 +452,13 @@ def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):
     write_events(part, events, origin={**header.origin, **window})
     assert ClipFrames(open_sequence(clip)).path_s(90_000) == pytest.approx(0.09)
     found = [
-        _beside(open_sequence(clip), {part: read_header(file)}).path_s(90_000)
+        _rendered(open_sequence(clip), {part: read_header(file)}).path_s(90_000)
         for file in (tmp_path / "a.h5", tmp_path / "b.h5", part)
     ]
     assert found == pytest.approx([0.09, 0.06, 0.09])
     headers = {tmp_path / name: read_header(tmp_path / name) for name in ("a.h5", "b.h5")}
     with pytest.raises(TaskError, match=r"clip.*shifted by 0 us; .*shifted by 30000 us"):
-        _beside(open_sequence(clip), headers)
+        _rendered(open_sequence(clip), headers)
     for show in ("depth", "flow"):
         args = (tmp_path / "a.h5", clip, "--show", show, "--out", tmp_path / f"{show}.gif")
         code, _, err = eres("view", *args, "--start", 0.19)
