@@ -107,7 +107,7 @@ def draw_events(events: Events, ground: Picture, palette: Palette) -> Picture:
             f"ground: found shape {ground.shape}, expected {(events.height, events.width, 3)}"
         )
     picture = ground.copy()
-    total = np.zeros(ground.shape[:2], np.int64)
+    total = np.zeros(ground.shape[:2], np.int32)
     colors = np.array([palette.darker, palette.brighter], np.float64)
     _blend(events.columns, colors, np.array(STRENGTHS), total, picture)
     return picture
@@ -118,7 +118,7 @@ def _blend(
     events: Columns,
     colors: NDArray[np.float64],
     strengths: NDArray[np.float64],
-    total: NDArray[np.int64],
+    total: NDArray[np.int32],
     picture: Picture,
 ) -> None:
     for k in range(events.x.size):

@@ -72,8 +72,8 @@ class EventSource:
     def drawn(self, times_us: Sequence[int]) -> Iterator[tuple[Events, Panel]]:
         """Yield the events of each window, and its panel."""
         cut = windows(self.parts(), times_us, length_us=self.length_us, count=self.count)
+        ground = plain(*self.size, self.palette.ground)
         for t_us, events in zip(times_us, cut, strict=True):
-            ground = plain(*self.size, self.palette.ground)
             if self.frames is not None:
                 ground = self.frames.seen_by(*self.size, t_us)
             us = self.length_us
