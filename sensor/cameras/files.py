@@ -247,9 +247,10 @@ def _number(name: str, key: Key, value: Any, unit: Any) -> float:
         unit = next(iter(key.units))
     if not isinstance(unit, str) or unit not in key.units:
         raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
-    number = real(name, value, f"a number of {unit}")
+    expected = f"a number of {unit}".removesuffix(" of 1").replace("of log", "in log units")
+    number = real(name, value, expected)
     if number < 0:
-        raise refusal(name, value, f"a number of {unit}, 0 or more")
+        raise refusal(name, value, f"{expected}, 0 or more")
     return key.units[unit](number)
 
 

@@ -6,6 +6,7 @@ import io
 import itertools
 import logging
 import os
+import re
 import sys
 import warnings
 from importlib.metadata import version
@@ -31,6 +32,7 @@ from tasks.errors import TaskError, UsageError
 _DESCRIPTION = """Which event-camera resolution serves a task best, at what bandwidth? Renders HDR
 radiance, turns it into events at any resolution, and scores what can be done with them.
 `eres --version` prints the version."""
+_UNIT = re.compile(r"_(s|px|hz|m|lux)$")  # at the end of a field
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
 _OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
 _COMMANDS = *_OF_SCENES, *_OF_EVENTS
@@ -112,7 +114,15 @@ def run() -> None:
     sys.exit(status or 0)
 
 
+def _with_option(text: str) -> str:
+    """Return an error with the option that was given in place of the field that it begins with."""
+    field, colon, rest = text.partition(":")
+    option = f"--{_UNIT.sub('', field).replace('_', '-')}"
+    given = any(word.partition("=")[0] == option for word in sys.argv)
+    return f"{option}{colon}{rest}" if given else text
+
+
 def _fail(text: str, code: int = 1) -> None:
-    line = text.replace("\n", r"\n")  # of names in files
+    line = _with_option(text).replace("\n", r"\n")  # of names in files
     terminal.err.print(Text("error:", "red"), line, soft_wrap=True, highlight=False)
     sys.exit(code)

@@ -712,7 +712,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
             "speed: found 0",
         ),
         ([*SIMULATE, "--cutoff", "9", "--lux", "9"], 1, "give --lux or --cutoff, not both"),
-        ([*SIMULATE, "--cutoff-follows-light"], 1, "cutoff_follows_light: needs a cutoff"),
+        ([*SIMULATE, "--cutoff-follows-light"], 1, "--cutoff-follows-light: needs a cutoff"),
         ([*SIMULATE, "--lux", "0"], 1, "lux: found 0"),
         ([*SIMULATE, "--leak", "-1"], 1, "leak: found -1"),
         ([*SIMULATE, "--photoreceptor", "three_pole"], 2, ""),

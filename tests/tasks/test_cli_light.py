@@ -288,8 +288,8 @@ BAD_NUMBERS = [
     (("--width", "9"), "found --resolution and --width, expected"),
     (("--height", "9"), "found --resolution and --height, expected"),
     (("--width", "9", "--height", "8"), "found --resolution and --width and --height, expected"),
-    (("--duration", "9"), "duration_s: found 9.0, not within the 0.4 s"),
-    (("--max-displacement", "0"), "max_displacement_px: found 0.0, expected a positive number"),
+    (("--duration", "9"), "--duration: found 9.0, not within the 0.4 s"),
+    (("--max-displacement", "0"), "--max-displacement: found 0.0, expected a positive number"),
     (("--integrator", "baked"), "shape 'mirror' is not Lambertian"),
 ]
 

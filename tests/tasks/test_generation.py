@@ -225,7 +225,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--threshold", "inf"], "threshold: found inf"),
         (["--exposure", 0.01], "images: found None, expected a rate"),
         (["--truth", 1e-7], "truth: found 1e-07, expected at least a microsecond"),
-        (["--max-displacement", 0], "max_displacement: found 0.0, expected a positive number"),
+        (["--max-displacement", 0], "--max-displacement: found 0.0, expected a positive number"),
         (
             ["--images", 1, "--seconds", 0.002, "--warm-up", 0],
             "outlast the 0.002 s",

@@ -123,7 +123,7 @@ def test_any_sequence_can_have_one(small_carpet, tmp_path, eres):
         np.testing.assert_array_equal(opened["imu/t_us"], t_us + 7)
     for wrong, found in (
         (["--imu", 0], "imu: found 0 Hz, expected above 0"),
-        (["--imu", 9, "--gyroscope-noise", -1], "gyroscope_noise: found -1.0, expected"),
+        (["--imu", 9, "--gyroscope-noise", -1], "--gyroscope-noise: found -1.0, expected"),
         (["--imu", 9, "--format", "npz"], "only DSEC's format (.h5) can store imu"),
     ):
         code, _, error = eres("simulate", clip.folder, "--out", tmp_path / "x.h5", *size, *wrong)

@@ -434,21 +434,21 @@ HEAD, PRED = "unetrecurrent.head.conv2d.weight", "unetrecurrent.pred.conv2d.bias
         ),
         (
             lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.tensor([1j]))),
-            rf"{PRED}: found complex64 values \(strided\), expected float32 numbers",
+            rf"{PRED}: found complex64 values \(strided\), expected float32 values",
         ),
         (
             lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.tensor([True]))),
-            rf"{PRED}: found bool values \(strided\), expected float32 numbers",
+            rf"{PRED}: found bool values \(strided\), expected float32 values",
         ),
         (
             lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.zeros(1).to_sparse())),
-            rf"{PRED}: found float32 values \(sparse_coo\), expected float32 numbers",
+            rf"{PRED}: found float32 values \(sparse_coo\), expected float32 values",
         ),
         (
             lambda: e2vid_checkpoint(
                 state_dict=small_state_with(PRED, torch.zeros(1, device="meta"))
             ),
-            rf"{PRED}: found float32 values \(meta\), expected float32 numbers",
+            rf"{PRED}: found float32 values \(meta\), expected float32 values",
         ),
         (
             lambda: e2vid_checkpoint(
