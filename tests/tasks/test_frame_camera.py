@@ -124,7 +124,7 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
         (["--rate", 300], "expected a rate above 0 and exposures that do not overlap"),
         (["--rate", 1, "--exposure", 1], "exposure: found 1 s, expected at most 0.08"),
         (["--full-well", 0], "--full-well: found 0.0"),
-        (["--read-noise", -1], "read_noise: found -1.0"),
+        (["--read-noise", -1], "--read-noise: found -1.0"),
         (["--exposure", 0], "exposure: found 0.0"),
         (["--exposure", 1e-12], "exposure: found 1e-12, expected at least 1e-06 seconds"),
         (["--seed", -1], "seed: found -1, expected 0 or more"),
