@@ -354,7 +354,7 @@ def test_frames_are_those_of_the_sensor_and_its_clock(clip):
     np.testing.assert_array_equal(frames.at(t_us), expected)
     seen = frames.seen_by(24, 12, t_us).astype(float)
     blocks = expected[12:36].reshape(12, 2, 24, 2, 3).mean(axis=(1, 3))
-    assert np.abs(seen - blocks).max() <= 0.5
+    assert np.abs(seen - blocks).max() <= 1  # Pillow rounds after rows and after columns
 
 
 @pytest.mark.parametrize("show", ["frames", "depth", "flow"])
