@@ -37,7 +37,9 @@ _PYTORCH = "https://pytorch.org/get-started/locally/"
 def install(extra: str) -> str:
     """Return how to get an extra."""
     command = f"pip install '{DISTRIBUTION}[{extra}]'"
-    return f"PyTorch by {_PYTORCH}, then {command}" if "torch" in EXTRAS[extra] else command
+    if "torch" not in EXTRAS[extra] or is_installed("torch"):
+        return command
+    return f"install PyTorch as {_PYTORCH} says, then {command}"
 
 
 def is_installed(module: str) -> bool:

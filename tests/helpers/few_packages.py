@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import sys
 from importlib.machinery import PathFinder
 
 OURS = "eres_events", "eres_render", "sensor", "tasks"
-BASE = (
-    *("docstring_parser", "filelock", "h5py", "hdf5plugin", "jinja2", "numba", "numpy", "OpenEXR"),
-    *("PIL", "psutil", "rich", "scipy", "tyro", "yaml"),
+BASE = {
+    "docstring_parser": "docstring-parser",
+    "PIL": "pillow",
+    "yaml": "pyyaml",
+    **{name: name for name in ("filelock", "h5py", "hdf5plugin", "jinja2", "numba", "numpy")},
+    **{name: name for name in ("OpenEXR", "psutil", "rich", "scipy", "tyro")},
+}
+"""Import names of what pyproject.toml requires without an extra, and their distributions."""
+NEEDED = (
+    *("llvmlite", "markdown_it", "markupsafe", "mdurl", "pygments", "typeguard"),
+    "typing_extensions",
 )
-"""Import names of what pyproject.toml requires without an extra."""
-NEEDED = "llvmlite", "markdown_it", "markupsafe", "mdurl", "pygments", "typeguard"
 """What these require."""
+_VERSIONS = "drjit", "mitsuba", "opencv-python-headless"  # that eres asks for
 
 
 def find_only(*packages: str) -> None:
-    """Hide all packages but these and the standard library, and their versions."""
+    """Hide all packages but these and the standard library, and what `version` finds of extras."""
     found = {*packages, *sys.stdlib_module_names}
-    owners = importlib.metadata.packages_distributions()
-    hidden = {owner for top in owners if top not in found for owner in owners[top]}
 
     class Few(PathFinder):
         @classmethod
@@ -31,6 +35,6 @@ def find_only(*packages: str) -> None:
         @classmethod
         def find_distributions(cls, *context):
             every = PathFinder.find_distributions(*context)
-            return (one for one in every if one.metadata["Name"] not in hidden)
+            return (one for one in every if one.metadata["Name"] not in _VERSIONS)
 
     sys.meta_path[sys.meta_path.index(PathFinder)] = Few

@@ -639,12 +639,6 @@ def test_a_file_is_read_as_the_options_say(eres, tmp_path):
     assert (code, "--sort, --topic: only for files of events" in err) == (1, True)
 
 
-def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    code, _, err = eres("view", recording, "--out", tmp_path / "o.rrd")
-    assert (code, "pip install '.[viewer]'" in err) == (1, True)
-
-
 def test_without_h264_another_file_is_named(eres, tmp_path, recording, monkeypatch):
     monkeypatch.setattr("av.codecs_available", {"mpeg4"})
     code, _, err = eres("view", recording, "--out", tmp_path / "o.mp4")
