@@ -39,7 +39,8 @@ ALONE = {
     "sensors": "davis346",
     "methods": "photometric_flow",
     "stereo carpet --baseline 0.1 --out second.txt": "second.txt: ",
-    "simulate frames --fps 500 --out e.h5": "e.h5: ",
+    "simulate png --fps 500 --out e.h5": "e.h5: ",
+    **{f"simulate {kind} --fps 500 --out {kind}.h5": f"{kind}.h5: " for kind in ("jpg", "tif")},
     "info e.h5": "DSEC HDF5",
     "convert e.h5 e.raw": "e.raw: ",
     "view e.h5 --out e.png": "e.png: ",
@@ -49,7 +50,7 @@ ALONE = {
 NEED = {
     "simulate clip.mp4 --out v.h5": "video",
     "simulate deep --fps 500 --out v.h5": "video",
-    "simulate frames --fps 500 --interpolate auto --out v.h5": "video",
+    "simulate png --fps 500 --interpolate auto --out v.h5": "video",
     "view e.h5 --out e.mp4": "video",
     "video e.h5 --out images": "video",
     "fit e.h5 --still 0 0.01 --out camera.toml": "video",
@@ -78,12 +79,14 @@ def ended(tmp_path_factory):
     folder = tmp_path_factory.mktemp("base")
     wave = 128 + 99 * np.sin(0.3 * (np.arange(32) + np.arange(9)[:, None]))
     frames = np.repeat(wave[:, None], 24, axis=1)
-    for name in ("frames", "deep"):
+    for name in ("png", "jpg", "tif", "deep"):
         (folder / name).mkdir()
     for k, frame in enumerate(frames):
-        Image.fromarray(frame.astype(np.uint8)).save(folder / "frames" / f"{k}.png")
-        colors = np.repeat((200 * frame).astype(np.uint16)[..., None], 3, axis=2)
-        cv2.imwrite(str(folder / "deep" / f"{k}.png"), colors)
+        gray, deep = frame.astype(np.uint8), (200 * frame).astype(np.uint16)
+        Image.fromarray(deep).save(folder / "png" / f"{k}.png")
+        Image.fromarray(gray).convert("RGB").save(folder / "jpg" / f"{k}.jpg")
+        Image.fromarray(frame.astype(np.float32)).save(folder / "tif" / f"{k}.tif")
+        cv2.imwrite(str(folder / "deep" / f"{k}.png"), np.dstack([deep] * 3))
     for name in ("clip.mp4", "e.es", "e.bag", "rig.toml"):
         (folder / name).touch()
     commands = [*ALONE, *NEED]
