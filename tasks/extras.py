@@ -56,10 +56,9 @@ def advice(error: BaseException | None, job: str | None = None) -> str | None:
         The extra to name if it has the package; by default the first that has it.
     """
     while error is not None:
-        module = (getattr(error, "name", None) or "").partition(".")[0]
-        if isinstance(error, ImportError) and module in _NAMES:
-            extras = [extra for extra, modules in EXTRAS.items() if module in modules]
+        if isinstance(error, ModuleNotFoundError) and error.name in _NAMES:
+            extras = [extra for extra, modules in EXTRAS.items() if error.name in modules]
             chosen = job if job in extras else extras[0]
-            return f"this needs {_NAMES[module]}, which is not installed: {install(chosen)}"
+            return f"this needs {_NAMES[error.name]}, which is not installed: {install(chosen)}"
         error = error.__cause__
     return None

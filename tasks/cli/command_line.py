@@ -35,7 +35,7 @@ radiance, turns it into events at any resolution, and scores what can be done wi
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
 _OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
 _COMMANDS = *_OF_SCENES, *_OF_EVENTS
-# The extra to name if a package of several is missing; the others are those of `tasks.extras`.
+# The extra that is named if it has the package that is missing.
 _NEED_LIGHT = "bake", "convergence", "dataset", "evaluate", "render", "truth", "view"
 _JOBS = {
     **dict.fromkeys(_NEED_LIGHT, "render"),
@@ -110,7 +110,7 @@ def run() -> None:
         _fail(str(error), 2)
     except (RenderError, SensorError, EventError, TaskError) as error:
         _fail(advice(error, _JOBS.get(sys.argv[1])) or str(error))
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         missing = advice(error, _JOBS.get(sys.argv[1]))
         if missing is None:
             raise
