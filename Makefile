@@ -2,14 +2,17 @@
 # make test    set everything up, run the tests
 # make docs    set everything up, build the documentation site into build/docs
 # make answers write which resolution is enough, from docs/results/paper, into README and docs
+# make constraints  take the newest packages, write their versions into constraints.txt
 PYTHON ?= python3
 RUN ?= runs/quick
 BIN := .venv/bin
+CONSTRAINTS ?= -c constraints.txt
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile $(CONSTRAINTS)
 
 # Python may keep its bytecode in .venv and in __pycache__, or each process would compile it again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow docs answers lint format bench clean
+.PHONY: demo test test-slow docs answers lint format bench clean constraints
 
 demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
@@ -47,16 +50,21 @@ bench: .venv/.dev .venv/.llvm
 clean:
 	rm -rf .venv build  # never runs: they take hours
 
-.venv/.ready: pyproject.toml
+constraints: clean
+	$(MAKE) CONSTRAINTS= .venv/.learned
+	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu//' >constraints.txt
+
+# The study, and videos for the commands of README.
+.venv/.ready: pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || { \
 	  echo "eres: could not make .venv with $(PYTHON); it needs Python 3.11 or newer with venv" \
 	    "(Debian: apt-get install python3-venv)"; exit 1; }
 	@echo "eres: installing into .venv (about a minute the first time)"
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable .
+	@$(INSTALL) --editable '.[study,video]'
 	@touch $@
 
 .venv/.dev: .venv/.ready
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
+	@$(INSTALL) --editable '.[dev]'
 	@touch $@
 
 # The smallest build of PyTorch. Where pip does not find it, the tests of networks are skipped.
@@ -64,8 +72,7 @@ TORCH := torch==2.13.0+cpu
 
 .venv/.learned: .venv/.dev
 	@echo "eres: installing PyTorch for the tests of networks"
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile \
-	  '$(TORCH)' --editable '.[learned]' || \
+	@$(INSTALL) '$(TORCH)' --editable '.[learned]' || \
 	  echo "eres: no $(TORCH) could be installed; the tests of networks are skipped"
 	@touch $@
 
@@ -75,7 +82,7 @@ TORCH := torch==2.13.0+cpu
 	@touch $@
 
 .venv/.docs: .venv/.ready
-	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@$(INSTALL) --editable '.[docs]'
 	@touch $@
 
 AS_ROOT := $(shell test "$$(id -u)" = 0 || echo "sudo -n")

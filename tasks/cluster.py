@@ -19,13 +19,8 @@ _CONNECT_S = 5.0
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
     """Connect to the Dask scheduler at an address."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise TaskError(
-            "--scheduler: Dask is not installed; in a checkout, install the extra `distributed`: "
-            "pip install '.[distributed]'"
-        ) from None
+    from distributed import Client
+
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise TaskError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
     with _quiet("distributed", "distributed.client"):  # our error is a single line

@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -280,6 +279,8 @@ def corners(image: NDArray[np.floating], margin_px: float) -> NDArray[np.float64
     -------
     (N, 2) positions, px.
     """
+    import cv2
+
     bright = np.clip(image / np.percentile(image, 99.9), 0, 1) ** (1 / 2.2)
     inside = np.zeros(image.shape, np.uint8)
     margin = int(np.ceil(margin_px))

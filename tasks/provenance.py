@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
 
@@ -56,7 +56,11 @@ def code() -> str:
 def versions() -> dict[str, str]:
     """Return the versions of eres and of the packages that affect numbers, by name."""
     used = [*_PACKAGES, *(name for name in _PACKAGES_OF_NETWORKS if name in sys.modules)]
-    return {"eres": version(DISTRIBUTION), **{name: version(name) for name in used}}
+    found = {"eres": version(DISTRIBUTION)}
+    for name in used:
+        with suppress(PackageNotFoundError):  # of an extra
+            found[name] = version(name)
+    return found
 
 
 def _git_commit() -> str | None:

@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -155,6 +154,8 @@ def picture(
     TaskError
         There is no such equalization, or the image has values that are not finite.
     """
+    import cv2
+
     if equalization != "none" and equalization not in EQUALIZATIONS:
         expected = ", ".join(("none", *EQUALIZATIONS))
         raise TaskError(f"equalization: found {equalization!r}, expected one of {expected}")

@@ -1,5 +1,5 @@
-"""The wheel: installed into an empty environment, away from the checkout, it runs a complete
-study."""
+"""The wheel, installed into an empty environment, away from the checkout: first without extras,
+then with what a study needs."""
 
 import fcntl
 import os
@@ -11,12 +11,15 @@ import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from sensor import shipped
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parent.parent
+PINNED = ("-c", ROOT / "constraints.txt")
 PACKAGES = ("eres_events", "eres_render", "sensor", "tasks")
 
 
@@ -31,11 +34,11 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(wheel, tmp_path_factory):
-    """Run a program of an environment that has only the wheel and its dependencies."""
+    """Run a program of an environment that has only the wheel and what it needs without extras."""
     environment, elsewhere = (tmp_path_factory.mktemp(name) for name in ("venv", "elsewhere"))
     bin_ = environment / "bin"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-    install = [bin_ / "pip", "install", "--quiet", "--disable-pip-version-check", wheel]
+    install = [bin_ / "pip", "install", "--quiet", "--disable-pip-version-check", *PINNED, wheel]
     subprocess.run(list(map(str, install)), check=True)
     variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
 
@@ -87,7 +90,13 @@ def test_the_source_archive_is_small(tmp_path):
     assert archive.stat().st_size < 23e6  # 12.5 MB are weights, 8.6 baked light
     with tarfile.open(archive) as files_in:
         names = [name.partition("/")[2] for name in files_in.getnames()]
-    assert {"tasks/commit.txt", "CITATION.cff", "hatch_build.py", "hatch_kernels.py"} < set(names)
+    assert {
+        "tasks/commit.txt",
+        "CITATION.cff",
+        "constraints.txt",
+        "hatch_build.py",
+        "hatch_kernels.py",
+    } < set(names)
     assert {name.split("/")[0] for name in names if "/" in name} == {*PACKAGES, "scenes"}
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir"]
     subprocess.run([*pip, str(tmp_path), str(archive)], check=True)
@@ -116,7 +125,7 @@ def test_the_import_names_are_its_own(run):
 
 def test_the_command_works(run):
     commit = r"git [0-9a-f]{12}(-dirty)? as installed"
-    version_ = f"eres {version('eres-events')} \\({commit}\\), Mitsuba {version('mitsuba')}\n"
+    version_ = f"eres {version('eres-events')} \\({commit}\\)\n"
     assert re.fullmatch(version_, run("eres", "--version"))
     said = run("eres", "doctor")
     assert "renders use:" in said
@@ -125,6 +134,19 @@ def test_the_command_works(run):
     listed = run("eres", "scenes")
     for scene in ("carpet", "rocks", "room"):
         assert scene in listed
+
+
+def test_it_is_light_without_extras(run):
+    """Promise: at most 670 MB, bytecode aside, turn images into events that one can look at."""
+    files = (f for f in run.environment.rglob("*") if f.is_file() and f.suffix != ".pyc")
+    assert sum(f.stat().st_size for f in files) < 670e6
+    (run.folder / "frames").mkdir()
+    for k in range(5):
+        wave = 128 + 99 * np.sin(0.3 * (np.arange(32) + k)) * np.ones((24, 1))
+        Image.fromarray(wave.astype(np.uint8)).save(run.folder / "frames" / f"{k}.png")
+    assert "e.h5: " in run("eres", "simulate", "frames", "--fps", "500", "--out", "e.h5")
+    run("eres", "view", "e.h5", "--out", "e.png")
+    assert "pip install 'eres-events[study]'" in run("eres", "doctor")
 
 
 FIRST = """
@@ -200,8 +222,9 @@ def test_the_next_start_has_the_code_of_the_host(run, cache):
     assert float(run("python", "-c", FIRST, **cache, ERES_COMPILE="host")) < 2.0
 
 
-def test_a_study_runs_to_its_report(run):
-    """Promise: the smallest study, from the packaged scene to the report."""
+def test_a_study_runs_to_its_report(run, wheel):
+    """Promise: the smallest study, from the packaged scene to the report, with its extra."""
+    run("pip", "install", "--quiet", *PINNED, f"{wheel}[study]")
     small = ("--resolution", "256", "--samples", "1")
     said = run("eres", "study", "--preset", "quick", *small, "--out", "run")
     assert "report: run/report.html" in said

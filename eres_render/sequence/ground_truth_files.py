@@ -12,7 +12,6 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -232,6 +231,8 @@ def write_flow_png(path: Path, flow: Flow) -> None:
 
 
 def _write_png(path: Path, pixels: NDArray[np.unsignedinteger]) -> None:
+    import cv2
+
     good, data = cv2.imencode(".png", pixels)
     if not good:
         raise RenderError(f"{path}: the PNG encoder failed")

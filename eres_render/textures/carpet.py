@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -174,6 +173,8 @@ def _dye_lots(n_rows: int, rng: np.random.Generator) -> Float32:
 
 def _along_the_yarn(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
     """Return the shade of uneven yarn, standard deviation about 1: it wanders along each row."""
+    import cv2
+
     rows, columns = shape
     total = np.zeros(shape, dtype=np.float32)
     for tufts in (3, 12, 48):
@@ -187,6 +188,8 @@ _STRANDS = 512  # sides of the square of fibers that tufts are cut from
 
 def _fibers(rng: np.random.Generator) -> Float32:
     """Return the log shade of fibers that run along the columns, standard deviation 1."""
+    import cv2
+
     grain = rng.standard_normal((_STRANDS, _STRANDS), dtype=np.float32)
     strands = cv2.GaussianBlur(grain, (0, 0), sigmaX=4.0, sigmaY=0.6)
     return (strands / strands.std()).astype(np.float32)

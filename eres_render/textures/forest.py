@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from eres_render.textures.fractal_noise import Float32, fractal_noise
@@ -75,6 +74,8 @@ def _add_leaves(
     rng: np.random.Generator,
 ) -> None:
     """Paint leaves over an image of log reflectance, one over the other."""
+    import cv2
+
     length_m, cover, tone, spread = leaves
     height, width = image.shape
     length = length_m / texel_m

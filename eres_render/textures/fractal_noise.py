@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +28,8 @@ def fractal_noise(
     fall
         Amplitude of an octave relative to the next coarser one; 1 is 1/f noise.
     """
+    import cv2
+
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
     size_px, amplitude, variance = float(max(coarsest_px, finest_px)), 1.0, 0.0

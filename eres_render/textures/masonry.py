@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from eres_render.textures.fractal_noise import Float32, fractal_noise
@@ -20,6 +19,8 @@ def plaster(
     texel_m
         Size of a texel, m.
     """
+    import cv2
+
     relief = fractal_noise(shape, 0.02 / texel_m, 1, rng)
     slope = relief - cv2.blur(relief, (3, 3))
     stain = fractal_noise(shape, 1.0 / texel_m, 0.05 / texel_m, rng)

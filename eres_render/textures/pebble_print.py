@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from eres_render.textures.fractal_noise import Float32
@@ -32,6 +31,8 @@ def pebble_print(width_px: int, height_px: int, texel_m: float, seed: int) -> Fl
 
 def _log_shading(relief: Float32) -> Float32:
     """Return the log of the light on a relief, heights in texels: the sun with shadows, the sky."""
+    import cv2
+
     sun = np.array(_SUN) / np.linalg.norm(_SUN)
     faces = faces_of(relief)
     buried = np.zeros_like(relief)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from eres_render.textures.fractal_noise import Float32, fractal_noise
@@ -36,6 +35,8 @@ def lettering(text: str, height_px: int) -> Float32:
 
 
 def _resize(image: Float32, shape: tuple[int, int]) -> Float32:
+    import cv2
+
     method = cv2.INTER_AREA if shape[1] < image.shape[1] else cv2.INTER_CUBIC
     return cv2.resize(image, shape[::-1], interpolation=method).astype(np.float32, copy=False)
 
@@ -185,6 +186,8 @@ def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -
     shape
         (rows, columns) of the texture, texels.
     """
+    import cv2
+
     image = np.full(shape, 0.6, dtype=np.float32)
     height, width = shape
     for _ in range(26):

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from eres_render.compiling import compiler
@@ -47,6 +46,8 @@ def faces_of(relief: Float32) -> Faces:
     relief
         (height, width) heights, texels.
     """
+    import cv2
+
     slope_x, slope_y = (
         cv2.Sobel(relief, cv2.CV_32F, dx, 1 - dx, ksize=1, scale=0.5).astype(np.float32, copy=False)
         for dx in (1, 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,6 +52,8 @@ def _facets(
     shape: tuple[int, int], size: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int32], Float32]:
     """Return the facet of each texel and the facets' middles (row, column): Voronoi cells."""
+    import cv2
+
     height, width = shape
     count = max(2, round(height * width / size**2))
     away = np.ones(shape, np.uint8)
@@ -68,6 +69,8 @@ def _facets(
 
 def _cracks(facet: NDArray[np.int32], width: float) -> Float32:
     """Return how much of a texel is crack, 0 to 1: 1 between facets, less beside."""
+    import cv2
+
     edge = np.zeros(facet.shape, np.float32)
     edge[:, 1:] += facet[:, 1:] != facet[:, :-1]
     edge[1:] += facet[1:] != facet[:-1]

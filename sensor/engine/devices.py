@@ -60,7 +60,7 @@ def device_called(name: object, threads: int) -> Device:
     except Exception as error:  # any: numba-cuda ends in what it did not expect
         raise SensorError(
             "device: 'cuda' does not work here: it needs an NVIDIA GPU with its driver, and "
-            f"numba-cuda (in a checkout, pip install '.[cuda]'): {type(error).__name__}: "
+            f"numba-cuda (pip install 'eres-events[cuda]'): {type(error).__name__}: "
             f"{' '.join(str(error).split()).rstrip(' :') or 'no reason given'}"
         ) from error
     to_device = ToDevice(threads)

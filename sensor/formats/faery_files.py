@@ -5,7 +5,6 @@ faery's decoders end their process on some damaged files; here that is an error 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import struct
 import subprocess
@@ -29,10 +28,8 @@ _MAX_TIME_US = 1 << 62
 @contextmanager
 def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
     """Start faery; at the end, raise its error unless it ended well or we stopped reading."""
-    if importlib.util.find_spec("faery") is None:
-        raise EventFormatError(
-            f"{kind} needs faery, which is not installed: in a checkout, pip install '.[formats]'"
-        )
+    import faery  # noqa: F401  (an error here says that it is missing)
+
     # -P: the script must not import the modules beside it.
     command = [sys.executable, "-P", faery_process.__file__, kind, str(path.absolute()), *options]
     # Its errors go to a file: a full pipe would stop it while its events are read.

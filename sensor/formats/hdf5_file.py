@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sensor.errors import EventFormatError
 from sensor.formats.held_signals import HeldSignals, held_signals
 from sensor.growth import check_growth
 
@@ -24,13 +23,9 @@ _Part = TypeVar("_Part")
 
 def load_h5py() -> Any:
     """Return h5py with the filters of hdf5plugin."""
-    try:
-        import h5py
-        import hdf5plugin  # noqa: F401
-    except ImportError as error:
-        raise EventFormatError(
-            f"DSEC's HDF5 needs {error.name}, which is not installed: pip install h5py hdf5plugin"
-        ) from error
+    import h5py
+    import hdf5plugin  # noqa: F401
+
     return h5py
 
 

@@ -9,8 +9,6 @@ Both have the same layout, packed and little-endian:
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,11 +29,9 @@ _EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("on
 
 def _opened(path: Path) -> Any:
     """Open a bag."""
-    if importlib.util.find_spec("rosbags") is None:
-        raise EventFormatError(
-            "bag needs rosbags, which is not installed: in a checkout, pip install '.[formats]'"
-        )
-    return importlib.import_module("rosbags.rosbag1").Reader(path)
+    from rosbags.rosbag1 import Reader
+
+    return Reader(path)
 
 
 def _topics(reader: Any) -> list[Any]:

@@ -28,6 +28,7 @@ from tasks.cli.light import bake, convergence, images, render, stereo, truth
 from tasks.cli.lists import doctor, methods, scenes, sensors
 from tasks.cli.study import claims, report, study
 from tasks.errors import TaskError, UsageError
+from tasks.extras import advice
 
 _DESCRIPTION = """Which event-camera resolution serves a task best, at what bandwidth? Renders HDR
 radiance, turns it into events at any resolution, and scores what can be done with them.
@@ -36,6 +37,13 @@ _UNIT = re.compile(r"_(s|px|hz|m|lux)$")  # at the end of a field
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
 _OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
 _COMMANDS = *_OF_SCENES, *_OF_EVENTS
+# The extra that is named if it has the package that is missing.
+_NEED_LIGHT = "bake", "convergence", "dataset", "evaluate", "render", "truth", "view"
+_JOBS = {
+    **dict.fromkeys(_NEED_LIGHT, "render"),
+    **dict.fromkeys(("claims", "report", "rig", "study"), "study"),
+    "train": "learned",
+}
 _GROUPS = {
     rig: (rig.page, rig.render, rig.intrinsics, rig.detect, rig.solve, rig.crop, rig.evaluate),
     train: (train.reconstruction, train.flow, train.card),
@@ -87,7 +95,7 @@ def run() -> None:
         if sys.argv[1:] == ["--version"]:
             from tasks.provenance import code
 
-            terminal.say(f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}")
+            terminal.say(f"eres {version(DISTRIBUTION)} ({code()})")
             return
         _check_command(sys.argv[1:])
         app = commands(_COMMANDS, overview=overview)
@@ -103,7 +111,12 @@ def run() -> None:
     except UsageError as error:
         _fail(str(error), 2)
     except (RenderError, SensorError, EventError, TaskError) as error:
-        _fail(str(error))
+        _fail(advice(error, _JOBS.get(sys.argv[1])) or str(error))
+    except ModuleNotFoundError as error:
+        missing = advice(error, _JOBS.get(sys.argv[1]))
+        if missing is None:
+            raise
+        _fail(missing)
     except BrokenPipeError:  # the reader has what it wants; Python would complain at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)  # as Rich does

@@ -248,7 +248,7 @@ def view(
         File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
         without a network; .rrd, a recording for the Rerun viewer.
     rerun
-        Open the Rerun viewer instead of writing a file (in a checkout: pip install '.[viewer]').
+        Open the Rerun viewer instead of writing a file (extra `viewer`).
     over
         Draw the events over the frames of this rendered clip, video or folder of images.
     show

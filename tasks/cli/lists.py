@@ -27,9 +27,9 @@ eres sensors NAME has the values of one, with their sources."""
 
 
 def doctor(*, as_json: AsJson = False) -> int:
-    """Show which renderers work, cores, versions and folders.
+    """Show which renderers and extras work, cores, versions and folders.
 
-    The exit code is 1 if no renderer works.
+    The exit code is 1 if Mitsuba is installed but no renderer works.
     """
     import importlib.util
     import os
@@ -42,15 +42,17 @@ def doctor(*, as_json: AsJson = False) -> int:
     from eres_render.rendering.backend import probe_variants
     from eres_render.scene.load import scene_root
     from eres_render.storage.cache import cache_dir
+    from tasks.extras import EXTRAS, install, is_installed
     from tasks.provenance import versions
 
-    verdicts = probe_variants()
+    verdicts = probe_variants() if is_installed("mitsuba") else []
     table = Table("Mitsuba variant", "works", "remark", box=None)
     for verdict in verdicts:
         mark = Text("yes", "green") if verdict.works else Text("no", "red")
         remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
         table.add_row(verdict.name, mark, remark)
     best = next((verdict.name for verdict in verdicts if verdict.works), None)
+    without = "no variant, as none works" if verdicts else "nothing, as Mitsuba is not installed"
 
     cache = cache_dir()
     free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
@@ -58,6 +60,10 @@ def doctor(*, as_json: AsJson = False) -> int:
     specs = {name: importlib.util.find_spec(name) for name in ("eres_render", "sensor", "tasks")}
     hiding = eres_events.shadows([os.getcwd()])
     facts = {
+        **{
+            f"extra {extra}": "installed" if all(map(is_installed, modules)) else install(extra)
+            for extra, modules in EXTRAS.items()
+        },
         "cores": str(cores()),
         'sensor, device="cuda"': _sensor_on_a_gpu(),
         "python": f"{platform.python_version()} at {sys.executable}",
@@ -71,10 +77,11 @@ def doctor(*, as_json: AsJson = False) -> int:
         works = {verdict.name: verdict.works for verdict in verdicts}
         terminal.show_json({"renders use": best, "works": works, **facts})
     else:
-        terminal.show(table)
-        terminal.say(f"renders use: {best or 'no variant, as none works'}\n")
+        if verdicts:
+            terminal.show(table)
+        terminal.say(f"renders use: {best or without}\n")
         terminal.show_pairs(facts)
-    return 0 if best else 1
+    return 1 if verdicts and not best else 0
 
 
 def _sensor_on_a_gpu() -> str:

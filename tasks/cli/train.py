@@ -100,17 +100,11 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
 def _train(settings: Any, options: TrainingOptions) -> None:
     if not 0 <= options.seed < 2**64:  # PyTorch's
         raise TrainingError(f"--seed: found {options.seed}, expected 0 to 2^64 - 1")
+    from tasks.learned.training.start import start
     from tasks.provenance import environment
 
     if options.sensor is not None:
         settings = replace(settings, crops=replace(settings.crops, sensor=options.sensor))
-
-    try:
-        from tasks.learned.training.start import start
-    except ImportError as error:
-        missing = f"train: PyTorch cannot be imported ({error})"
-        raise TrainingError(f"{missing}; run pip install '.[learned]' in a checkout") from None
-
     with terminal.progress() as on_progress:
         problem, scores = start(
             settings,

@@ -13,9 +13,8 @@ from sensor.formats.header import Value
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, seen_part, simulate_frames
+from tasks.extras import install, is_installed
 from tasks.footage import Footage
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px
 
 _log = logging.getLogger(__name__)
 
@@ -86,7 +85,15 @@ def simulate_footage(
     if footage.fps is not None:
         origin["fps"] = footage.fps
     sensor_px = model.width / (columns.stop - columns.start)
-    if interpolate is None:
+    if interpolate is None and not is_installed("cv2"):
+        _log.warning(
+            "how far the image moves from frame to frame is not measured, as OpenCV is not "
+            "installed: %s",
+            install("video"),
+        )
+    elif interpolate is None:
+        from tasks.footage.motion import displacements_px
+
         far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))
         if far_px > _FAR_PX:
             least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
@@ -98,6 +105,9 @@ def simulate_footage(
                 most,
             )
     else:
+        from tasks.footage.interpolation import interpolated, steps_for
+        from tasks.footage.motion import displacements_px
+
         if interpolate == "auto":
             steps = steps_for(sensor_px * displacements_px(footage, on_progress))
         else:

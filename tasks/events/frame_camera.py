@@ -6,14 +6,14 @@ import json
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from eres_render import RadianceSequence
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
-from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.atomic import new_file, write_text
 from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
 from tasks import exposures
@@ -94,8 +94,8 @@ def write_images(
     for k, start_s in enumerate(starts_s.tolist()):
         end_s = start_s + options.exposure
         light = exposed(sequence, start_s * speed, end_s * speed) / sequence.white_level
-        _, png = cv2.imencode(".png", developed(light, options, rng))
-        write_bytes(out / f"{k:06d}.png", png.tobytes())
+        with new_file(out / f"{k:06d}.png") as file:
+            Image.fromarray(developed(light, options, rng)).save(file, "PNG")
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
     exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()

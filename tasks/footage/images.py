@@ -10,10 +10,9 @@ from decimal import Decimal
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from eres_render.errors import reading
@@ -26,6 +25,10 @@ _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
 _BITS_PER_SAMPLE, _PHOTOMETRIC, _EXTRA_SAMPLES = 258, 262, 338  # of TIFF
+_PNG_BITS = 24  # where a file states its bits per sample
+# Pillow's modes that are read by Pillow: what alpha is removed from, and what stays as it is.
+_8_BITS = {"1": "L", "L": "L", "LA": "L", "P": "RGB", "RGB": "RGB", "RGBA": "RGB"}
+_DEEP = "I;16", "I;16B", "F"
 _SUBFILE, _REDUCED_OR_MASK = 254, 0b101
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
@@ -93,7 +96,7 @@ def _png_chunks(data: bytes) -> Iterator[bytes]:
 def _tiff_tags(file: Path, page: int = 0) -> ImageFileDirectory_v2:
     """Return the tags of an image of a TIFF file; none if it has no such image, or is no TIFF."""
     tags = ImageFileDirectory_v2()
-    with file.open("rb") as data, suppress(Exception):  # OpenCV decides whether it is one
+    with file.open("rb") as data, suppress(Exception):  # its decoder decides whether it is one
         head = data.read(8)
         tags = ImageFileDirectory_v2(head + data.read(8) if head[2:3] == _BIG_TIFF else head)
         for _ in range(page + 1):
@@ -205,22 +208,32 @@ def _read(file: Path, layer: str | None) -> NDArray[np.generic]:
     if second and not second.get(_SUBFILE, 0) & _REDUCED_OR_MASK:  # others would be left out
         raise TaskError(f"{file}: contains several images; store each in its own file")
     data = file.read_bytes()
-    image: NDArray[np.generic] | None = None
-    if kind == "tiff" and _is_straight(file):
-        image = _read_straight(file)
-    elif _is_complete(data, kind):
-        # Bit depth and colors as stored, without alpha, rotated by the EXIF orientation.
-        codes = np.frombuffer(data, np.uint8)
-        image = cv2.imdecode(codes, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    image = _decoded(file, data, kind) if _is_complete(data, kind) else None
     if image is None:
-        raise TaskError(
-            f"{file}: is not a complete {kind.upper()} image that OpenCV reads ({len(data)} bytes)"
-        )
+        raise TaskError(f"{file}: is not a complete {kind.upper()} image ({len(data)} bytes)")
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
     if image.dtype == np.uint16 and kind == "tiff" and _tiff_tags(file).get(_PHOTOMETRIC) == 0:
-        image = np.invert(image)  # white is 0, which OpenCV turns round for 8 bits only
-    return image if image.ndim == 2 else image[..., ::-1]
+        image = np.invert(image)  # white is 0, which decoders turn round for 8 bits only
+    return image
+
+
+def _decoded(file: Path, data: bytes, kind: str) -> NDArray[np.generic] | None:
+    """Return an image without alpha, rotated by its EXIF orientation; None if it is damaged.
+
+    Pillow would round colors of 16 bits to 8 and lacks a few kinds: OpenCV reads these.
+    """
+    bits = {"png": data[_PNG_BITS:][:1], "tiff": _tiff_tags(file).get(_BITS_PER_SAMPLE, b"")}
+    with suppress(UnidentifiedImageError), Image.open(io.BytesIO(data)) as opened:
+        if opened.mode in _DEEP or (opened.mode in _8_BITS and max(bits.get(kind) or (8,)) <= 8):
+            ImageOps.exif_transpose(opened, in_place=True)
+            image = np.asarray(opened.convert(_8_BITS.get(opened.mode, opened.mode)))
+            return image.astype(image.dtype.newbyteorder("="), copy=False)
+    import cv2  # here, as the base install is without it
+
+    codes = np.frombuffer(data, np.uint8)
+    colors = cv2.imdecode(codes, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    return colors if colors is None or colors.ndim == 2 else colors[..., ::-1]
 
 
 def _is_complete(data: bytes, kind: str) -> bool:
@@ -234,17 +247,3 @@ def _is_complete(data: bytes, kind: str) -> bool:
         is_fill = data[at + 1 : at + 2] == b"\xff"  # T.81, B.1.1.2
         at += 1 if is_fill else 2 + int.from_bytes(data[at + 2 : at + 4])
     return b"\xff\xd9" in data[at:]  # phones append films
-
-
-def _is_straight(file: Path) -> bool:
-    """Return whether a TIFF file has 8-bit colors and alpha, apart: OpenCV would multiply them."""
-    tags = _tiff_tags(file)
-    return tags.get(_EXTRA_SAMPLES) == (2,) and set(tags.get(_BITS_PER_SAMPLE, ())) == {8}
-
-
-def _read_straight(file: Path) -> NDArray[np.uint8]:
-    """Return blue, green and red as stored, or gray."""
-    # From memory: Pillow maps files whose image is turned with the wrong sides.
-    with Image.open(io.BytesIO(file.read_bytes())) as opened:
-        image = np.asarray(ImageOps.exif_transpose(opened))
-    return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]

@@ -40,13 +40,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
             f"{task}, method {name!r}: needs weights; give --weights {name}=FILE, or {name} under "
             "[weights] in the study's file"
         )
-    try:
-        return _loaded(TASKS[task].method(name).network, *_version(file))
-    except ImportError as error:
-        raise WeightsError(
-            f"{task}, method {name!r}: PyTorch cannot be imported ({error}); install the extra "
-            "`learned`, in a checkout with: pip install '.[learned]'"
-        ) from None
+    return _loaded(TASKS[task].method(name).network, *_version(file))
 
 
 def weights_of(name: str, weights: Mapping[str, str] | None = None) -> str | None:

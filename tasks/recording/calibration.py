@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +36,8 @@ class Calibration:
 
     def undistorted(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return an image as the pinhole camera would see it; black outside."""
+        import cv2
+
         return np.asarray(cv2.undistort(image, self.K, self.distortion))
 
 

@@ -9,9 +9,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
@@ -150,7 +150,7 @@ def write_video(
             codes = np.round(255 * shown).astype(np.uint8)
             if calibration is not None:
                 codes = calibration.undistorted(codes)
-            (folder / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
+            Image.fromarray(codes).save(folder / f"{k:06}.png")
         lines = "# unit: us", *map(str, times_us), ""
         (folder / TIMES).write_text("\n".join(lines), encoding="utf-8")
         _check_folder(out, overwrite)  # again: one may have appeared meanwhile

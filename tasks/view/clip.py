@@ -8,14 +8,16 @@ from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
+from PIL.Image import Resampling
+from scipy.ndimage import maximum_filter
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import crop_to_aspect
 from tasks.footage import Footage
-from tasks.view.drawing import Picture, depth_colors, flow_colors, tone_mapped
+from tasks.view.drawing import Picture, depth_colors, flow_colors, resized, tone_mapped
 from tasks.view.layout import Panel
 
 _SAMPLES = 5  # times at which the scale of depth or flow is measured
@@ -100,9 +102,8 @@ class TimedFrames:
         """
         frame = self.at(t_us)
         rows, columns = crop_to_aspect(frame.shape[0], frame.shape[1], height, width)
-        how = cv2.INTER_AREA if width < frame.shape[1] else cv2.INTER_LINEAR
-        view = cv2.resize(frame[rows, columns], (width, height), interpolation=how)
-        return view.astype(np.uint8, copy=False)
+        how = Resampling.BOX if width < frame.shape[1] else Resampling.BILINEAR
+        return np.asarray(Image.fromarray(frame[rows, columns]).resize((width, height), how))
 
 
 class ClipFrames(TimedFrames):
@@ -176,8 +177,7 @@ class DepthSource(_TruthSource):
         for t_us in times_us:
             picture = depth_colors(self.depth(t_us), near_m, far_m)
             height, width = picture.shape[:2]
-            bar = cv2.resize(legend, (max(1, width // 3), max(3, height // 40)))
-            _inlay(picture, bar.astype(np.uint8, copy=False))
+            _inlay(picture, resized(legend, max(1, width // 3), max(3, height // 40)))
             yield Panel(picture, "true depth", f"{far_m:.3g} m (dark) to {near_m:.3g} m (bright)")
 
 
@@ -231,7 +231,7 @@ def _inlay(picture: Picture, legend: Picture, shape: NDArray[np.bool_] | None = 
         return
     inside = np.full((height, width), True) if shape is None else shape
     covered = np.pad(inside, edge)
-    below = cv2.dilate(covered.astype(np.uint8), np.ones((2 * edge + 1,) * 2, np.uint8)) > 0
+    below = maximum_filter(covered, 2 * edge + 1)
     margin = 2 * edge
     y, x = picture.shape[0] - height - 2 * edge - margin, margin
     corner = picture[y : y + height + 2 * edge, x : x + width + 2 * edge]

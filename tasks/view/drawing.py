@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
+from PIL.Image import Resampling
 
 from sensor.compiling import compiler
 from sensor.events import Columns, Events
@@ -166,6 +167,8 @@ def depth_colors(depth: NDArray[np.floating], near_m: float, far_m: float) -> Pi
     -------
     (H, W, 3) uint8.
     """
+    import cv2
+
     near, far = 1 / near_m, 1 / far_m
     share = (1 / depth - far) / max(near - far, 1e-12)
     codes = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
@@ -188,6 +191,8 @@ def flow_colors(flow: NDArray[np.floating], longest: float) -> Picture:
     -------
     (H, W, 3) uint8.
     """
+    import cv2
+
     u, v = flow[..., 0].astype(np.float32), flow[..., 1].astype(np.float32)
     length, degrees = cv2.cartToPolar(u, v, angleInDegrees=True)
     saturation = np.clip(length / max(longest, 1e-12), 0, 1).astype(np.float32)
@@ -211,5 +216,5 @@ def resized(picture: Picture, width: int, height: int) -> Picture:
     (height, width, 3) uint8.
     """
     grows = width >= picture.shape[1] and height >= picture.shape[0]
-    how = cv2.INTER_NEAREST if grows else cv2.INTER_AREA
-    return cv2.resize(picture, (width, height), interpolation=how).astype(np.uint8, copy=False)
+    how = Resampling.NEAREST if grows else Resampling.BOX
+    return np.asarray(Image.fromarray(picture).resize((width, height), how))

@@ -77,12 +77,8 @@ def _places(sources: Sequence[Source]) -> list[list[str]]:
 
 @contextmanager
 def _recording(path: Path | None, overwrite: bool) -> Iterator[tuple[Any, Any]]:
-    try:
-        import rerun
-    except ModuleNotFoundError as error:
-        raise TaskError(
-            "Rerun is not installed; run pip install '.[viewer]', or pip install rerun-sdk"
-        ) from error
+    import rerun
+
     recording = rerun.RecordingStream("eres")
     if path is None:
         recording.spawn()

@@ -461,7 +461,7 @@ def test_without_dask_the_error_says_how_to_get_it(eres, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     code, _, err = eres("study", "--out", tmp_path / "run", "--scheduler", "tcp://127.0.0.1:9")
     assert (code, len(err.splitlines())) == (1, 1)
-    assert "pip install '.[distributed]'" in err
+    assert "pip install 'eres-events[distributed]'" in err
 
 
 @pytest.mark.slow

