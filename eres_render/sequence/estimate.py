@@ -19,8 +19,10 @@ _CLIPS = 3  # whose frames are counted
 _FIRST_S = 10.0  # a frame that is faster is rendered again, as the first one compiles
 
 
-def estimate(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float) -> str:
-    """Describe in one line what clips take: their number of frames, disk space and time.
+def estimate(
+    renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float
+) -> tuple[float, str]:
+    """Return the time that clips take, s, and one line with their frames, disk space and time.
 
     Frames of a few clips are counted, and one frame is rendered, timed and written.
     """
@@ -44,7 +46,7 @@ def estimate(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: flo
         write_channels(file, {"Y": to_half(frame, file)})
         disk_bytes = frames * file.stat().st_size
     camera, plural = renderer.camera, "s" * (len(clips) != 1)
-    return (
+    return frames * frame_s, (
         f"{len(clips)} sequence{plural} to render: about {frames} frames of "
         f"{camera.width}x{camera.height} px, {cost(disk_bytes, frames * frame_s)}"
     )

@@ -45,6 +45,8 @@ from eres_render.trajectory.frame_times import (
 
 _log = logging.getLogger(__name__)
 
+_TOLD_S = 10.0  # what takes longer is told before
+
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False, kw_only=True)
 class _ClipInProgress(RadianceSequence):
@@ -289,9 +291,9 @@ def render_scene(
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    Existing frames are not rendered again. The log first gives the number of frames, their disk
-    space and time. Warnings give the noise of path-traced frames and the number of false events
-    that it causes, and say if frames are far apart.
+    Existing frames are not rendered again. The log gives the number of frames, their disk space and
+    time before what takes long. Warnings give the noise of path-traced frames and the number of
+    false events that it causes, and say if frames are far apart.
 
     Parameters
     ----------
@@ -363,8 +365,9 @@ def render_scene(
     how: Integrator | None = "emission" if unbaked else integrator
     renderer = Renderer(scene, resolution, spp, seed, how, on_progress, camera=camera)
     if missing:
-        after = ", after light is baked" if unbaked else ""
-        _log.info("%s%s", estimate(renderer, missing, max_displacement_px), after)
+        takes_s, text = estimate(renderer, missing, max_displacement_px)
+        if dry_run or takes_s > _TOLD_S:
+            _log.info("%s%s", text, ", after light is baked" if unbaked else "")
     if dry_run:
         return []
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
