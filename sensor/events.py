@@ -97,7 +97,7 @@ class Events:
                 kind = getattr(array, "dtype", type(array).__name__)
                 raise EventError(
                     f"Events.{name}: found {kind} of shape {np.shape(array)}, expected a 1-D array "
-                    f"of {np.dtype(dtype)}, as long as t_us"
+                    f"of {np.dtype(dtype)}, of the length of t_us"
                 )
         for name in ("width", "height"):
             side = getattr(self, name)

@@ -278,7 +278,8 @@ def _number(fields: dict[str, str], name: str, least: int = 0) -> int | None:
         return None
     whole = re.fullmatch(r"-?\d{1,19}", value, re.ASCII) is not None
     if not whole or not least <= int(value) <= _MOST:
-        raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected {least} to {_MOST}")
+        expected = f"an integer, {least} to {_MOST}"
+        raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected {expected}")
     return int(value)
 
 

@@ -125,7 +125,7 @@ class EventDataset:
         self.window_events = None if window_events is None else int(window_events)
         self.transform = transform
         if window_us is None and window_events is None:
-            _check_present(self.recordings, "flow", "add it, or give window_us or window_events")
+            _check_present(self.recordings, "flow", "give window_us or window_events")
         self._ends = list(accumulate(map(self._count, self.recordings)))
         if self._ends[-1] == 0:
             raise TaskError(f"{folder}: every recording is shorter than a window")
@@ -194,7 +194,7 @@ def _checked_targets(
     for name in targets:
         if name not in TARGETS:
             raise TaskError(f"targets: found {name!r}, expected some of {', '.join(TARGETS)}")
-        _check_present(recordings, name, "add it, or choose other targets")
+        _check_present(recordings, name, "choose other targets")
     return targets
 
 
@@ -202,8 +202,10 @@ def _check_present(recordings: Sequence[DatasetRecording], target: str, advice: 
     for recording in recordings:
         still = target == "instances" and "depth" in recording.targets
         if target not in recording.targets and not still:
-            place = "the rendered clip" if target == "frame" else "`eres simulate --truth`"
-            raise TaskError(f"{recording.path}: has no {target}, which needs {place}; {advice}")
+            remedy = "simulate it again with --truth"
+            if target == "frame":
+                remedy = "put the rendered clip beside it"
+            raise TaskError(f"{recording.path}: has no {target}; {remedy}, or {advice}")
 
 
 def _reader(path: Path) -> DsecReader:

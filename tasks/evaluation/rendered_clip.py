@@ -45,7 +45,7 @@ class RenderedClip(Source):
             raise TaskError(
                 f"dense_flow: the frames begin at {first_us * 1e-6 * self.speed:g} s, expected "
                 f"{2 * start_s - end_s:g} s or earlier, one window before the scored one; render "
-                "clips, without --continuous, with a longer --warm-up"
+                "again with a longer --warm-up and without --continuous"
             )
         return self.window.before_us
 

@@ -110,8 +110,8 @@ class _Answers(NamedTuple):
 
 def _answers(events: Events, rises_us: Int64) -> _Answers:
     if len(rises_us) < _MIN_STEPS or np.any(np.diff(rises_us) <= 0):
-        times = f"--steps: found {len(rises_us)} times"
-        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, each after the previous one")
+        times = f"--steps: found {len(rises_us)} step times"
+        raise TaskError(f"{times}, expected at least {_MIN_STEPS}, in increasing order")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
     step, since_us, mine = _after_steps(events, rises_us, window_us)
@@ -185,8 +185,10 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
 
     whole = mean_events(np.ones(tiles))
     if (points := int(np.sum(whole >= _FROM + 0.5))) < _MIN_POINTS:
-        times = f"--steps: found {points} different times of events after a step"
-        raise TaskError(f"{times}, expected at least {_MIN_POINTS}; record with finer times")
+        times = f"--steps: found {points} distinct event times after a step"
+        raise TaskError(
+            f"{times}, expected at least {_MIN_POINTS}; use a recording with finer timestamps"
+        )
     fits = {order: _fit(t_s, whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda order: fits[order].cost)
     absorbed = None if order == 2 else _ABSORBED

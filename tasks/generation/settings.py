@@ -186,7 +186,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
                 )
         return
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
-        raise TaskError(f"{out}: contains other files; choose a new folder, or one of a dataset")
+        raise TaskError(f"{out}: contains other files; choose a new folder, or that of a dataset")
     write_text(file, json.dumps(table, indent=1) + "\n")
 
 

@@ -169,7 +169,7 @@ def open_frames(
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise TaskError(f"{folder}: no such folder of frames")
+        raise TaskError(f"{folder}: no such folder, expected a folder of frames")
     if exposure_us is not None and exposure_us < 0:
         raise TaskError(f"--exposure-us: found {exposure_us}, expected 0 or more")
     names = FILE_NAME, "images.txt", "timestamps.txt"

@@ -148,7 +148,10 @@ def calibrate(
             points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
         )
     except cv2.error as error:
-        raise RigError(f"intrinsics: OpenCV could not calibrate: {error.err}") from error
+        raise RigError(
+            f"intrinsics: OpenCV could not calibrate from these views ({error.err}); tilt the "
+            "board more, and differently in each view"
+        ) from error
     k1, k2, p1, p2 = lens.ravel()[:4].tolist()
     corners_m = board.points_m().astype(np.float64)
     derivatives = [

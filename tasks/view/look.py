@@ -73,7 +73,8 @@ class Look:
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
-                raise TaskError(f"{name}: found {value}, expected {low:g} to {high:g}")
+                span = f"{low:g} or more" if math.isinf(high) else f"{low:g} to {high:g}"
+                raise TaskError(f"{name}: found {value}, expected {span}")
 
     @property
     def window_ms(self) -> float:

@@ -478,7 +478,7 @@ def test_events_at_too_few_times_are_refused():
     events, rises_us = flashes(200.0, 2e-4)
     late = np.searchsorted(rises_us, events.t_us, side="right") - 1
     coarse = Events(rises_us[np.maximum(late, 0)] + 5, *events.columns[1:], 24, 24)
-    with pytest.raises(TaskError, match=r"steps: found . different times .*expected at least 5"):
+    with pytest.raises(TaskError, match=r"steps: found . distinct event times .*expected at least 5"):
         fit_response(coarse, rises_us)
 
 
@@ -810,7 +810,7 @@ def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
         levels_of(events[:9], light_every(1), 1e-2)
     with pytest.raises(TaskError, match="ON events per pixel and step, expected at least 3"):
         fit_response(events, np.array([0, 1000]))
-    with pytest.raises(TaskError, match="steps: found 1 times, expected at least 2"):
+    with pytest.raises(TaskError, match="steps: found 1 step times, expected at least 2"):
         fit_response(events, np.array([0]))
     file = tmp_path / "steps.txt"
     file.write_text("100\n\n2e3 # ON\n")
