@@ -9,6 +9,7 @@ compiles for a target what the folder has for x86-64-v3, without running it: thi
 the target's instructions.
 """
 
+import math
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from sensor import LiveCamera, Readout, SensorModel, find_camera, read_out, simulate, simulate_bank
+from sensor.emulators import v2e
 from sensor.formats import Triggers, load_events, read_triggers, write_events
 from sensor.optics import integrate
 from sensor.representations import event_counts, time_surface, voxel_grid
@@ -73,6 +75,9 @@ def run_sensor() -> None:
     events = simulate(frames, t_s, models[1])
     list(read_out(events, bus))
     find_camera("davis346").on(16, 16).simulate(frames, t_s)
+    for cutoff_hz in (200.0, math.inf):
+        for version in ("A", "C"):
+            v2e(100 * frames, t_s, cutoff_hz=cutoff_hz, version=version)  # type: ignore[arg-type]
     run_on_events(events)
 
 

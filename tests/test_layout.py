@@ -98,6 +98,7 @@ WINGS = {
     "sensor.formats": set(),
     "sensor.cameras": {"sensor.engine", "sensor.formats"},
     "sensor.representations": set(),
+    "sensor.emulators": set(),
     "sensor.statistics": set(),
     "eres_render.storage": set(),
     "eres_render.trajectory": set(),

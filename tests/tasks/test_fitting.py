@@ -478,7 +478,9 @@ def test_events_at_too_few_times_are_refused():
     events, rises_us = flashes(200.0, 2e-4)
     late = np.searchsorted(rises_us, events.t_us, side="right") - 1
     coarse = Events(rises_us[np.maximum(late, 0)] + 5, *events.columns[1:], 24, 24)
-    with pytest.raises(TaskError, match=r"steps: found . distinct event times .*expected at least 5"):
+    with pytest.raises(
+        TaskError, match=r"steps: found . distinct event times .*expected at least 5"
+    ):
         fit_response(coarse, rises_us)
 
 
