@@ -109,4 +109,4 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
     still = np.zeros((*larger[::-1], 2), np.float32)
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow = cv2.resize(dis.calc(first, second, still), (width, height))
-    return np.asarray(flow * (width / larger[0], height / larger[1]), np.float32)
+    return np.asarray(flow * np.array([width / larger[0], height / larger[1]], np.float32))
