@@ -4,8 +4,8 @@
 
 Writes an H.264 video of a textured background and a textured disc before it, which move by `motion`
 px a frame in different directions, and makes events of it with a sensor of its size, C = 0.2:
-`eres simulate` with and without `--interpolate auto`. User and system time of all threads, the least
-of the runs, after one that compiles.
+`eres simulate` with and without `--interpolate auto`. User and system time of all threads, the
+least of the runs, after one that compiles.
 """
 
 from __future__ import annotations

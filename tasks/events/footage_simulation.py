@@ -5,12 +5,11 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-import numpy as np
-
 from eres_render.progress import Progress, silent
 from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
 from tasks.errors import TaskError
+from tasks.events.footage_check import FootageCheck
 from tasks.events.overwriting import check_new
 from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, seen_part, simulate_frames
 from tasks.footage import Footage
@@ -19,11 +18,7 @@ from tasks.footage.motion import displacements_px
 
 _log = logging.getLogger(__name__)
 
-_FAR_PX = 1.0
 _MAX_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
-# Motion from frame to frame, px, and the smallest and largest share of events that is lost on the
-# rendered scenes; see docs/footage.md.
-_LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
 
 
 def simulate_footage(
@@ -37,9 +32,9 @@ def simulate_footage(
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on footage.
 
-    The log states the assumed encoding. Without interpolation, a warning estimates how many events
-    are lost if things move by more than a pixel of the sensor from frame to frame. Another warning
-    counts the pixels that had no light.
+    The log states the assumed encoding. Warnings estimate on a few frames how many events are lost
+    between frames, without interpolation, and how many are noise of the frames; another counts the
+    pixels that had no light.
 
     Parameters
     ----------
@@ -72,7 +67,7 @@ def simulate_footage(
     if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
         expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel per frame"
         raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
-    _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
+    seen = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         footage.path,
@@ -83,27 +78,21 @@ def simulate_footage(
         footage.encoding,
     )
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
-    sensor_px = model.width / (columns.stop - columns.start)
-    if interpolate is None:
-        far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))
-        if far_px > _FAR_PX:
-            least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
-            _log.warning(
-                "the image moves by %.2g px of the sensor from frame to frame; on the packaged "
-                "scenes that loses %.0f to %.0f %% of the events. --interpolate auto restores most",
-                far_px,
-                least,
-                most,
-            )
-    else:
+    check = FootageCheck(footage, seen, model, options.speed, with_between=interpolate is not None)
+    frames = check.watched()
+    if interpolate is not None:
         if interpolate == "auto":
+            sensor_px = model.width / (seen[1].stop - seen[1].start)
             steps = steps_for(sensor_px * displacements_px(footage, on_progress))
         else:
             steps = [int(interpolate)] * (len(footage) - 1)
-        footage = interpolated(footage, steps)
-        _log.info("%d frames after interpolation", len(footage))
+        frames = interpolated(frames, steps)
+        _log.info("%d frames after interpolation", len(frames))
         origin["interpolate"] = interpolate
-    result = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    result = simulate_frames(
+        frames, model, out, options, origin=origin, on_events=check.count, on_progress=on_progress
+    )
+    check.warn()
     if footage.mender is not None:
         footage.mender.warn(footage.path)
     return result

@@ -1,32 +1,16 @@
 """Frames in between lie where the motion says, to a small part of a pixel."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 
-from tasks.footage import Footage
+from in_memory import footage_of
 from tasks.footage.interpolation import interpolated
 from tasks.footage.warping import MARGIN, blend, find_later
 
 
 def spline(image):
     return np.pad(spline_filter(image, output=np.float32), MARGIN, "reflect")
-
-
-def footage_of(frames):
-    """Return frames of light in memory as footage."""
-    return Footage(
-        path=Path("memory"),
-        t_s=np.arange(len(frames), dtype=float),
-        t_offset_us=0,
-        height=frames[0].shape[0],
-        width=frames[0].shape[1],
-        encoding="linear",
-        white_level=1.0,
-        frames=lambda: iter(frames),
-    )
 
 
 def sampled(image, dx, dy, order):
