@@ -37,11 +37,7 @@ _HEADS = (
     *("lost, %", "estimated, %"),
 )
 _NOISE = 0.01, 0.03, 0.1
-_NOISE_HEADS = (
-    "scene",
-    "moving",
-    *(f"noise {100 * one:g} % of white: true, found" for one in _NOISE),
-)
+_NOISE_HEADS = "scene", "moving", *(f"noise {100 * one:g} %: true, found" for one in _NOISE)
 
 
 def main() -> None:
