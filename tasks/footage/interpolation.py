@@ -11,12 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import spline_filter
 
 from eres_render.cores import cores
 from tasks.footage.footage import Footage
 from tasks.footage.motion import gray, optical_flow
-from tasks.footage.warping import MARGIN, blend, find_later
+from tasks.footage.warping import blend, coefficients, find_later
 
 Float32 = NDArray[np.float32]
 
@@ -75,7 +74,7 @@ class _End:
 
     @cached_property
     def spline(self) -> Float32:
-        return np.pad(spline_filter(self.light, output=np.float32), MARGIN, "reflect")
+        return coefficients(self.light)
 
 
 def _between(before: _End, after: _End, steps: int, workers: Executor) -> Iterator[Float32]:

@@ -1,9 +1,7 @@
-"""The kernel of frames in between: it samples both images at exact positions along the flow.
+"""The kernels of frames in between, which sample both images at exact positions along the flow.
 
-Images are sampled by cubic B-splines that pass through the pixels (Unser, IEEE Signal Processing
-Magazine 16(6), 1999). Their coefficients have a margin of 1 px above and to the left and 2 px below
-and to the right, so that all that a sample needs is there; beyond the border, the border is
-repeated.
+Images are interpolated by cubic O-MOMS, the splines with 4 x 4 coefficients around a point that
+approximate best (Blu, Thevenaz and Unser, IEEE Transactions on Image Processing 10(7), 2001).
 """
 
 from __future__ import annotations
@@ -11,14 +9,37 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from sensor.compiling import compiler
 
-MARGIN = (1, 2), (1, 2)  # px, as for `np.pad`
+_MARGIN = (1, 2), (1, 2)  # of coefficients, so that all that a sample needs is there
 _TOGETHER = 64  # pixels at a time, so that their weights stay in the L1 cache
 _ROUNDS = 2  # an even number: where something is hidden, odd ones look along the wrong flow
 
 jit = compiler(Path(__file__).parent, fastmath={"contract"})
+
+
+def coefficients(image):
+    """Return the coefficients of the spline that passes through an image.
+
+    Parameters
+    ----------
+    image
+        (H, W) float32.
+
+    Returns
+    -------
+    (H + 3, W + 3) float32.
+    """
+    for _ in range(2):
+        if len(image) > 1:
+            bands = np.full((3, len(image)), 4 / 21, np.float32)
+            bands[1] = 13 / 21
+            bands[0, 1] = bands[2, -2] = 8 / 21  # mirrored at the border
+            image = solve_banded((1, 1), bands, image, check_finite=False)
+        image = image.T
+    return np.pad(image, _MARGIN, mode="reflect")
 
 
 @jit
@@ -32,7 +53,8 @@ def blend(first, second, flow, later, t, start, out):
     Parameters
     ----------
     first, second
-        (H + 3, W + 3) float32, coefficients of the B-splines of both frames.
+        (H + 3, W + 3) float32 as from `coefficients`, of both frames. Beyond the border, the border
+        is repeated.
     flow
         (H, W, 2) float32 displacements of the points of the first frame, px: x, then y.
     later
@@ -130,16 +152,27 @@ def _within(value, least, most):
 @jit
 def _weigh(fractions, weights):
     """Write the weights of the four coefficients around each place, in x, then in y."""
-    sixth = np.float32(1 / 6)
     for axis in range(2):
         for k in range(_TOGETHER):
             f = fractions[axis, k]
             g = np.float32(1) - f
-            f2, g2 = f * f * sixth, g * g * sixth
-            weights[axis, 0, k] = g2 * g
-            weights[axis, 1, k] = np.float32(2 / 3) + f2 * (np.float32(3) * f - np.float32(6))
-            weights[axis, 2, k] = np.float32(2 / 3) + g2 * (np.float32(3) * g - np.float32(6))
-            weights[axis, 3, k] = f2 * f
+            weights[axis, 0, k] = _outer(g)
+            weights[axis, 1, k] = _inner(f)
+            weights[axis, 2, k] = _inner(g)
+            weights[axis, 3, k] = _outer(f)
+
+
+@jit
+def _inner(x):
+    """Return the weight of a coefficient at a distance of x up to 1 px."""
+    x2 = x * x
+    return np.float32(13 / 21) + x * np.float32(1 / 14) + x2 * (np.float32(0.5) * x - np.float32(1))
+
+
+@jit
+def _outer(x):
+    """Return the weight of a coefficient at a distance of 2 - x px, x up to 1 px."""
+    return x * (x * x * np.float32(1 / 6) + np.float32(1 / 42))
 
 
 @jit
