@@ -18,7 +18,7 @@ from tasks.footage.motion import displacements_px, followed, gray
 
 _log = logging.getLogger(__name__)
 
-_PLACES = 3  # intervals between frames that are looked at, evenly over the footage
+_PLACES, _PIXELS = 3, 2_000_000  # intervals that are looked at, and pixels of all their frames
 _EARLIER = 4  # frames, over which slow motion shows
 _MOST_STEPS = 16  # of an interval; finer ones add few events
 _TILE = 8  # px of the sensor
@@ -28,7 +28,6 @@ _ALIKE, _EXPLAINED, _DRIFTING = 0.7, 0.5, 2.0
 _TELLING = 0.05  # of the events; less is not worth a warning
 
 Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 
 class FootageCheck:
@@ -62,7 +61,8 @@ class FootageCheck:
         self._footage, self._seen, self._between = footage, seen, with_between
         self._t_s = footage.t_s / speed
         last = len(footage) - 2
-        self._places = np.linspace(min(_EARLIER, last), last, _PLACES).astype(int)
+        count = min(_PLACES, max(1, _PIXELS // (footage.width * footage.height)))
+        self._places = np.linspace(min(_EARLIER, last), last, 2 * count + 1).astype(int)[1::2]
         self._still: dict[int, NDArray[np.bool_]] = {}  # (height, width) pixels by place
         self._motion_px: list[float] = []
         self._alone = self._dense = self._all = 0  # events
