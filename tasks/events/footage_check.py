@@ -56,7 +56,7 @@ class FootageCheck:
         *,
         with_between: bool,
     ) -> None:
-        dark = DARK_SHARE * footage.white_level if model.dark_level is None else model.dark_level
+        dark = model.dark_level or DARK_SHARE * footage.white_level
         self._model = replace(model, dark_level=dark, random_start=True)
         self._footage, self._seen, self._between = footage, seen, with_between
         self._t_s = footage.t_s / speed
@@ -130,7 +130,7 @@ class FootageCheck:
             integrate(kept[one], model.height, model.width).astype(np.float32)
             for one in (k - _EARLIER, k, k + 1)
         ]
-        dark = np.float32(model.dark_level or 0)
+        dark = np.float32(model.dark_level)
         earlier, before, after = (np.log(one + dark) for one in light)
         change = after - before
         size, drift = _tile_means(change**2), _tile_means((after - earlier) ** 2)
