@@ -26,6 +26,8 @@ from sensor.optics import integrate
 from sensor.representations import event_counts, time_surface, voxel_grid
 from sensor.shipped import contents, runs_here, ship
 from sensor.statistics import IntervalHistogram
+from tasks.footage import Footage
+from tasks.footage.interpolation import interpolated
 from tasks.registry import TASKS
 from tasks.study.run.compile_ahead import compile_methods
 
@@ -36,6 +38,7 @@ def main(how: str, target: str, folder: str) -> None:
     if how == "run":
         run_sensor()
         run_methods()
+        run_footage()
         found = list(called_from_python())
     else:
         found = list(contents("x86-64-v3", Path(folder)))
@@ -107,6 +110,22 @@ def run_methods() -> None:
     """Run the methods for flow and tracking that need no network."""
     names = [f"{task}:{name}" for task in ("flow", "tracking") for name in TASKS[task].methods]
     compile_methods(names)
+
+
+def run_footage() -> None:
+    """Run the kernels of frames in between."""
+    first, second = np.random.default_rng(0).random((2, 16, 16), np.float32)
+    footage = Footage(
+        path=Path("memory"),
+        t_s=np.array([0.0, 1.0]),
+        t_offset_us=0,
+        height=16,
+        width=16,
+        encoding="linear",
+        white_level=1.0,
+        frames=lambda: iter((first, second)),
+    )
+    list(interpolated(footage, [2]))
 
 
 if __name__ == "__main__":

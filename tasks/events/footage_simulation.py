@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-import numpy as np
-
 from eres_render.progress import Progress, silent
 from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
@@ -18,11 +16,7 @@ from tasks.footage import Footage
 
 _log = logging.getLogger(__name__)
 
-_FAR_PX = 1.0
 _MAX_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
-# Motion from frame to frame, px, and the smallest and largest share of events that is lost on the
-# rendered scenes; see docs/footage.md.
-_LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
 
 
 def simulate_footage(
@@ -36,9 +30,9 @@ def simulate_footage(
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on footage.
 
-    The log states the assumed encoding. Without interpolation, a warning estimates how many events
-    are lost if things move by more than a pixel of the sensor from frame to frame. Another warning
-    counts the pixels that had no light.
+    The log states the assumed encoding. Warnings estimate on a few frames how many events are lost
+    between frames, without interpolation, and how many are noise of the frames; another counts the
+    pixels that had no light.
 
     Parameters
     ----------
@@ -71,7 +65,7 @@ def simulate_footage(
     if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
         expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel per frame"
         raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
-    _, columns = seen_part(footage, footage.path, model)  # before the frames are measured
+    seen = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         footage.path,
@@ -84,38 +78,37 @@ def simulate_footage(
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     if footage.fps is not None:
         origin["fps"] = footage.fps
-    sensor_px = model.width / (columns.stop - columns.start)
-    if interpolate is None and not is_installed("cv2"):
+    check, frames = None, footage
+    if interpolate is not None or is_installed("cv2"):
+        from tasks.events.footage_check import FootageCheck
+
+        between = interpolate is not None
+        check = FootageCheck(footage, seen, model, options.speed, with_between=between)
+        frames = check.watched()
+    else:
         _log.warning(
-            "how far the image moves from frame to frame is not measured, as OpenCV is not "
-            "installed: %s",
+            "events that are lost between frames, or noise of the frames, are not estimated, as "
+            "OpenCV is not installed: %s",
             install("video"),
         )
-    elif interpolate is None:
-        from tasks.footage.motion import displacements_px
-
-        far_px = float(np.median(sensor_px * displacements_px(footage, on_progress)))
-        if far_px > _FAR_PX:
-            least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
-            _log.warning(
-                "the image moves by %.2g px of the sensor from frame to frame; on the packaged "
-                "scenes that loses %.0f to %.0f %% of the events. --interpolate auto restores most",
-                far_px,
-                least,
-                most,
-            )
-    else:
+    if interpolate is not None:
         from tasks.footage.interpolation import interpolated, steps_for
         from tasks.footage.motion import displacements_px
 
         if interpolate == "auto":
+            sensor_px = model.width / (seen[1].stop - seen[1].start)
             steps = steps_for(sensor_px * displacements_px(footage, on_progress))
         else:
             steps = [int(interpolate)] * (len(footage) - 1)
-        footage = interpolated(footage, steps)
-        _log.info("%d frames after interpolation", len(footage))
+        frames = interpolated(frames, steps)
+        _log.info("%d frames after interpolation", len(frames))
         origin["interpolate"] = interpolate
-    result = simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
+    on_events = None if check is None else check.count
+    result = simulate_frames(
+        frames, model, out, options, origin=origin, on_events=on_events, on_progress=on_progress
+    )
+    if check is not None:
+        check.warn()
     if footage.mender is not None:
         footage.mender.warn(footage.path)
     return result

@@ -212,6 +212,7 @@ def simulate_frames(
     *,
     origin: Mapping[str, Value],
     add: Callable[[Path], object] | None = None,
+    on_events: Callable[[Events], object] | None = None,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on frames.
@@ -233,6 +234,8 @@ def simulate_frames(
         Where the frames come from, for the file.
     add
         As for `write_events`.
+    on_events
+        Called with the events of each part, before the bus.
     on_progress
         Called after each frame.
 
@@ -267,6 +270,8 @@ def simulate_frames(
     parts: Iterable[Events] = stream(
         central(), frames.t_s / options.speed, model, seed=options.seed
     )
+    if on_events is not None:
+        parts = _shown(parts, on_events)
     leaving = None
     if options.readout is not None:
         facts |= {f"readout_{name}": value for name, value in asdict(options.readout).items()}
@@ -284,6 +289,12 @@ def simulate_frames(
         overwrite=options.overwrite,
     )
     return count, None if leaving is None else leaving.report
+
+
+def _shown(parts: Iterable[Events], on_events: Callable[[Events], object]) -> Iterator[Events]:
+    for part in parts:
+        on_events(part)
+        yield part
 
 
 def _check_end(frames: RadianceFrames, out: Path, options: SimulationOptions) -> None:

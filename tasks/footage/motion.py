@@ -109,4 +109,20 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
     still = np.zeros((*larger[::-1], 2), np.float32)
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow = cv2.resize(dis.calc(first, second, still), (width, height))
-    return np.asarray(flow * (width / larger[0], height / larger[1]), np.float32)
+    return np.asarray(flow * np.array([width / larger[0], height / larger[1]], np.float32))
+
+
+def followed(image: Float32, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
+    """Return an image of the moment of `after`, moved back to `before` along their flow.
+
+    Parameters
+    ----------
+    image
+        (H, W).
+    before, after
+        As for `optical_flow`.
+    """
+    columns, rows = (np.arange(side, dtype=np.float32) for side in image.shape[::-1])
+    at = optical_flow(before, after) + np.dstack(np.meshgrid(columns, rows))
+    x, y = np.moveaxis(at, 2, 0).copy()
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
