@@ -528,10 +528,7 @@ def _check_path(
     trajectory, duration_s = scene.trajectory(camera), scene.duration_s
     rest = scene.min_clearance_m, scene.path_name
 
-    def place(t_s: Float64) -> Float64:
-        return trajectory.pose(t_s)[..., :3, 3]
-
-    check_clearance(place, trajectory.knots_s, duration_s, still, *rest)
+    check_clearance(trajectory.position, trajectory.knots_s, duration_s, still, *rest)
     _warn_if_far_from_origin(scene, camera, trajectory, still)
     if scene.plane is not None:
         for t_s in (0.0, duration_s):
