@@ -140,9 +140,15 @@ def front(si: Any) -> Any:
 
 
 def _rays(origins: Float64, directions: Float64) -> Any:
+    """Return rays that are gathered from NumPy's arrays.
+
+    Dr.Jit compiles code that loads such arrays anew for each alignment that they happen to have.
+    """
+    import drjit as dr
     import mitsuba as mi
 
+    def gathered(kind: Any, values: Float64) -> Any:
+        return dr.unravel(kind, mi.Float(values.astype(np.float32).ravel()))
+
     origins = np.broadcast_to(origins, directions.shape)
-    return mi.Ray3f(
-        mi.Point3f(*origins.T.astype(np.float32)), mi.Vector3f(*directions.T.astype(np.float32))
-    )
+    return mi.Ray3f(gathered(mi.Point3f, origins), gathered(mi.Vector3f, directions))

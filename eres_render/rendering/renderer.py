@@ -462,10 +462,12 @@ class Renderer:
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, n_samples)
 
-        pixel = dr.arange(mi.UInt32, n_samples) // spp
+        # Opaque numbers are none of the code's, which is compiled once for all sizes.
+        pixel = dr.arange(mi.UInt32, n_samples) // dr.opaque(mi.UInt32, spp)
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
-        corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
+        columns = dr.opaque(mi.UInt32, width)
+        corner = mi.Point2f(mi.Float(pixel % columns), mi.Float(pixel // columns))
         return sampler, self._in_film(corner + sampler.next_2d())
 
     def _in_film(self, position: Any) -> Any:
@@ -480,12 +482,14 @@ class Renderer:
 
     def _pinhole_in_film(self, position: Any) -> Any:
         """Return what `_in_film` does, without the lens."""
+        import drjit as dr
         import mitsuba as mi
 
         camera = self.camera
         if camera.fx != camera.fy:
             position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
-        return position / mi.Point2f(camera.width, camera.height)
+        share = (1 / np.float32([camera.width, camera.height])).tolist()
+        return position * dr.opaque(mi.Point2f, share)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
         import mitsuba as mi
@@ -527,7 +531,6 @@ def _check_path(
     """Return a scene's camera path, checked to keep clear of all surfaces."""
     trajectory, duration_s = scene.trajectory(camera), scene.duration_s
     rest = scene.min_clearance_m, scene.path_name
-
     check_clearance(trajectory.position, trajectory.knots_s, duration_s, still, *rest)
     _warn_if_far_from_origin(scene, camera, trajectory, still)
     if scene.plane is not None:
@@ -536,7 +539,9 @@ def _check_path(
     for body in bodies:
 
         def place_in_body(t_s: Float64, body: Body = body) -> Float64:
-            return (np.linalg.inv(body.pose(t_s)) @ trajectory.pose(t_s))[..., :3, 3]
+            T = body.pose(t_s)
+            from_body = trajectory.position(t_s) - T[..., :3, 3]
+            return (from_body[..., None, :] @ T[..., :3, :3])[..., 0, :]
 
         knots_s = np.union1d(trajectory.knots_s, body.knots_s)
         check_clearance(place_in_body, knots_s, duration_s, body.caster, *rest, alone=True)

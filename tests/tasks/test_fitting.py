@@ -527,7 +527,7 @@ def recorded(still_s=0.0, **changes):
     return camera.simulate(light, t_s, white=white, seed=1)
 
 
-@pytest.mark.parametrize("dark", [5e-3, 1e-1])
+@pytest.mark.parametrize("dark", [5e-3, pytest.param(1e-1, marks=pytest.mark.slow)])
 def test_all_parameters_come_back_in_their_intervals(eres, tmp_path, dark):
     """Promise: thresholds, cutoff, latency, dark level and noise of a simulated camera, none of
     which is given, lie in the intervals of the file."""
@@ -583,7 +583,7 @@ def test_a_fitted_camera_gives_the_counts_back(eres, tmp_path, option):
         assert np.sum(again.p == p) == pytest.approx(np.sum(events.p == p), rel=0.04)
 
 
-@pytest.mark.parametrize("check", ["first", "second"])
+@pytest.mark.parametrize("check", [pytest.param("first", marks=pytest.mark.slow), "second"])
 def test_the_held_out_half_chooses_nothing(tmp_path, check):
     """Promise: the fit is that of a recording which ends, or begins, at the middle frame."""
     events = recorded(dark_share=2e-2, cutoff_hz=100.0)

@@ -269,10 +269,10 @@ def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
 def test_a_clock_is_found_where_the_light_between_frames_is_not(tmp_path):
     """Promise: where the image moves by half its height from frame to frame, so that no light
     between them is known, the shift is still right to a millisecond."""
-    light, t_s = texture_in_motion(2, 501, (32, 40), 1e-3, travel_px=75.0)
+    light, t_s = texture_in_motion(2, 501, (48, 60), 1e-3, travel_px=112.0)
     t_us = np.round(1e6 * t_s).astype(int) - 8000
     light /= np.percentile(light[0], 99.9)
-    model = SensorModel(width=40, height=32, contrast_threshold=0.2, dark_level=1 / 64)
+    model = SensorModel(width=60, height=48, contrast_threshold=0.2, dark_level=1 / 64)
     write_events(tmp_path / "fast.h5", simulate(light, t_s, model))
     lines = ["t_us_start,t_us_end,file"]
     for k in range(0, 501, 100):
