@@ -522,7 +522,7 @@ def _check_seed(seed: int) -> None:
 def _means(samples: Any, spp: int) -> NDArray[np.float32]:
     import drjit as dr
 
-    return np.asarray(dr.block_sum(samples[0], spp) / spp, dtype=np.float32)
+    return np.asarray(dr.block_sum(samples[0], spp), dtype=np.float32) * (1 / np.float32(spp))
 
 
 def _check_path(

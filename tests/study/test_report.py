@@ -313,7 +313,9 @@ def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
 def test_claims_are_one_line_where_none_can_be_judged(tmp_path: Path, paper_page: str) -> None:
     """Promise: for sensors that the paper does not have, the section of claims is one paragraph and
     the page has no number of the paper; with its sensors only claims that are judged are listed."""
-    page = html_of(tmp_path, [replace(r, width=r.width + 1, scene="hall") for r in paper_rows(samples=1)])
+    page = html_of(
+        tmp_path, [replace(r, width=r.width + 1, scene="hall") for r in paper_rows(samples=1)]
+    )
     (claims,) = re.findall(r'<section id="claims".*?</section>', page, re.DOTALL)
     assert re.fullmatch(r"<section .*?</h2><p>No claim can be judged: [^<]*</p></section>", claims)
     assert "paper:" not in page

@@ -168,9 +168,15 @@ def test_other_code_is_said_at_every_start(tmp_path, caplog):
     name to compare."""
     started = "with code git one-dirty, and was started"
     for run, steps in (
-        ("clean", [("git one", ""), ("git one", ""), ("git one-dirty", f"{started} with code git one")]),
+        (
+            "clean",
+            [("git one", ""), ("git one", ""), ("git one-dirty", f"{started} with code git one")],
+        ),
         ("dirty", [("git one-dirty", ""), ("git one-dirty", started)]),
-        ("two", [("git one", ""), ("git two", "with code git two"), ("git one", "git one; git two")]),
+        (
+            "two",
+            [("git one", ""), ("git two", "with code git two"), ("git one", "git one; git two")],
+        ),
     ):
         for k, (code, said) in enumerate(steps):
             caplog.clear()

@@ -577,9 +577,7 @@ def test_seeds_of_evaluations_share_no_initial_paths(made):
     """Promise: evaluations with seeds 0 and 1 are independent; the second began with the path of
     the first one's next window."""
     options = {"places": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
-    first, second = (
-        evaluate_rig([made], RigEvaluation(seed=k, **options)) for k in (0, 1)
-    )
+    first, second = (evaluate_rig([made], RigEvaluation(seed=k, **options)) for k in (0, 1))
     errors_mm = {round(row.value, 6) for row in (*first, *second)}
     assert len(errors_mm) == len(first) + len(second) >= 4
 
