@@ -488,7 +488,7 @@ class Renderer:
         camera = self.camera
         if camera.fx != camera.fy:
             position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
-        share = (1 / np.float32([camera.width, camera.height])).tolist()
+        share = (1 / np.array([camera.width, camera.height], np.float32)).tolist()
         return position * dr.opaque(mi.Point2f, share)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
