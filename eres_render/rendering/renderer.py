@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import logging
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -627,10 +628,16 @@ def _mitsuba_camera(
     camera: Camera, spp: int, only_pixel: tuple[int, int] | None = None
 ) -> dict[str, object]:
     """Return Mitsuba's description of a camera, for the image or one (column, row) of it."""
-    crop = {}
+    import mitsuba as mi
+
+    width, height, crop = camera.width, camera.height, {}
     if only_pixel is not None:
         column, row = only_pixel
         crop = {"crop_offset_x": column, "crop_offset_y": row, "crop_width": 1, "crop_height": 1}
+    elif (2 * camera.cx, 2 * camera.cy) == (width, height) and "scalar" not in str(mi.variant()):
+        # Rays depend on the shape alone, and their code, which holds the size, is then of any size.
+        times = math.gcd(width, height)
+        width, height = width // times, height // times
     return {
         "type": "perspective",
         "fov": float(np.rad2deg(camera.fov_rad)),
@@ -640,8 +647,8 @@ def _mitsuba_camera(
         "near_clip": NEAR_M,
         "film": {
             "type": "hdrfilm",
-            "width": camera.width,
-            "height": camera.height,
+            "width": width,
+            "height": height,
             "pixel_format": "luminance",
             "component_format": "float32",
             "rfilter": {"type": "box"},
