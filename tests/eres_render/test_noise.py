@@ -51,7 +51,7 @@ def shiny_room(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def renderer(shiny_room):
-    return Renderer(shiny_room, 24, 16)
+    return Renderer(shiny_room, 48, 16)
 
 
 def test_light_is_baked_where_it_can_be_and_traced_where_not(renderer, tmp_path):
@@ -110,7 +110,7 @@ def test_repeats_are_frames_with_noise_of_their_own(renderer):
     The random numbers do not change between poses, so the same pose gives the same frame.
     """
     pose, many = renderer.trajectory.pose(1.0), 256
-    pixels = np.random.default_rng(1).choice(24 * 24, 40, replace=False)
+    pixels = np.random.default_rng(1).choice(48 * 48, 40, replace=False)
     radiance = renderer.repeats(pose, pixels, many)
     assert radiance.shape == (many, 40)
     np.testing.assert_array_equal(renderer.repeats(pose, pixels, many), radiance)
