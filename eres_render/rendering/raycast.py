@@ -94,14 +94,17 @@ class RayCaster:
 
         ray = _rays(origins, directions)
         si = self._mi_scene.ray_intersect(ray, mi.RayFlags.ShadingFrame, coherent=False)
-        number = np.asarray(dr.reinterpret_array(mi.UInt32, si.shape))
+        number, normal = dr.reinterpret_array(mi.UInt32, si.shape), front(si)
+        dr.eval(number, si.t, normal)  # together, in code that does not hold their length
+        number = np.asarray(number)
         index_of = np.full(int(number.max()) + 1, len(self.shape_ids) - 1, dtype=np.intp)
         index_of[0] = -1
         for i, shape in enumerate(self._mi_scene.shapes()):
             own = registry_number(shape)
             if own < len(index_of):
                 index_of[own] = i
-        return np.asarray(si.t, np.float64), np.asarray(front(si), np.float64).T, index_of[number]
+        normals = np.stack([np.asarray(axis, np.float64) for axis in normal], axis=1)
+        return np.asarray(si.t, np.float64), normals, index_of[number]
 
     def _cast_one_by_one(
         self, origins: Float64, directions: Float64
@@ -140,9 +143,15 @@ def front(si: Any) -> Any:
 
 
 def _rays(origins: Float64, directions: Float64) -> Any:
+    """Return rays that are gathered from NumPy's arrays.
+
+    Dr.Jit compiles code that loads such arrays anew for each alignment that they happen to have.
+    """
+    import drjit as dr
     import mitsuba as mi
 
+    def gathered(kind: Any, values: Float64) -> Any:
+        return dr.unravel(kind, mi.Float(values.astype(np.float32).ravel()))
+
     origins = np.broadcast_to(origins, directions.shape)
-    return mi.Ray3f(
-        mi.Point3f(*origins.T.astype(np.float32)), mi.Vector3f(*directions.T.astype(np.float32))
-    )
+    return mi.Ray3f(gathered(mi.Point3f, origins), gathered(mi.Vector3f, directions))

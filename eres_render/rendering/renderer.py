@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import logging
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -462,10 +463,12 @@ class Renderer:
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, n_samples)
 
-        pixel = dr.arange(mi.UInt32, n_samples) // spp
+        # Opaque numbers are none of the code's, which is compiled once for all sizes.
+        pixel = dr.arange(mi.UInt32, n_samples) // dr.opaque(mi.UInt32, spp)
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
-        corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
+        columns = dr.opaque(mi.UInt32, width)
+        corner = mi.Point2f(mi.Float(pixel % columns), mi.Float(pixel // columns))
         return sampler, self._in_film(corner + sampler.next_2d())
 
     def _in_film(self, position: Any) -> Any:
@@ -480,12 +483,14 @@ class Renderer:
 
     def _pinhole_in_film(self, position: Any) -> Any:
         """Return what `_in_film` does, without the lens."""
+        import drjit as dr
         import mitsuba as mi
 
         camera = self.camera
         if camera.fx != camera.fy:
             position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
-        return position / mi.Point2f(camera.width, camera.height)
+        share = (1 / np.array([camera.width, camera.height], np.float32)).tolist()
+        return position * dr.opaque(mi.Point2f, share)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
         import mitsuba as mi
@@ -518,7 +523,7 @@ def _check_seed(seed: int) -> None:
 def _means(samples: Any, spp: int) -> NDArray[np.float32]:
     import drjit as dr
 
-    return np.asarray(dr.block_sum(samples[0], spp) / spp, dtype=np.float32)
+    return np.asarray(dr.block_sum(samples[0], spp), dtype=np.float32) * (1 / np.float32(spp))
 
 
 def _check_path(
@@ -527,11 +532,7 @@ def _check_path(
     """Return a scene's camera path, checked to keep clear of all surfaces."""
     trajectory, duration_s = scene.trajectory(camera), scene.duration_s
     rest = scene.min_clearance_m, scene.path_name
-
-    def place(t_s: Float64) -> Float64:
-        return trajectory.pose(t_s)[..., :3, 3]
-
-    check_clearance(place, trajectory.knots_s, duration_s, still, *rest)
+    check_clearance(trajectory.position, trajectory.knots_s, duration_s, still, *rest)
     _warn_if_far_from_origin(scene, camera, trajectory, still)
     if scene.plane is not None:
         for t_s in (0.0, duration_s):
@@ -539,7 +540,9 @@ def _check_path(
     for body in bodies:
 
         def place_in_body(t_s: Float64, body: Body = body) -> Float64:
-            return (np.linalg.inv(body.pose(t_s)) @ trajectory.pose(t_s))[..., :3, 3]
+            T = body.pose(t_s)
+            from_body = trajectory.position(t_s) - T[..., :3, 3]
+            return (from_body[..., None, :] @ T[..., :3, :3])[..., 0, :]
 
         knots_s = np.union1d(trajectory.knots_s, body.knots_s)
         check_clearance(place_in_body, knots_s, duration_s, body.caster, *rest, alone=True)
@@ -625,10 +628,16 @@ def _mitsuba_camera(
     camera: Camera, spp: int, only_pixel: tuple[int, int] | None = None
 ) -> dict[str, object]:
     """Return Mitsuba's description of a camera, for the image or one (column, row) of it."""
-    crop = {}
+    import mitsuba as mi
+
+    width, height, crop = camera.width, camera.height, {}
     if only_pixel is not None:
         column, row = only_pixel
         crop = {"crop_offset_x": column, "crop_offset_y": row, "crop_width": 1, "crop_height": 1}
+    elif (2 * camera.cx, 2 * camera.cy) == (width, height) and "scalar" not in str(mi.variant()):
+        # Rays depend on the shape alone, and their code, which holds the size, is then of any size.
+        times = math.gcd(width, height)
+        width, height = width // times, height // times
     return {
         "type": "perspective",
         "fov": float(np.rad2deg(camera.fov_rad)),
@@ -638,8 +647,8 @@ def _mitsuba_camera(
         "near_clip": NEAR_M,
         "film": {
             "type": "hdrfilm",
-            "width": camera.width,
-            "height": camera.height,
+            "width": width,
+            "height": height,
             "pixel_format": "luminance",
             "component_format": "float32",
             "rfilter": {"type": "box"},

@@ -122,35 +122,37 @@ class Trajectory:
             If a time lies outside [0, duration_s].
         """
         i, weights, _, _ = self._weights(t_s)
-        position_steps, turn_steps = self._steps
+        _, turn_steps = self._steps
         T = np.zeros((*i.shape, 4, 4))
         T[..., 3, 3] = 1.0
-        p, R = self.controls[i, :3, 3], self.controls[i, :3, :3]
+        R = self.controls[i, :3, :3]
         rotvecs = weights[..., None] * turn_steps[i[..., None] + np.arange(3)]
         turns = Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix()
         turns = turns.reshape(*i.shape, 3, 3, 3)
         for j in range(3):
-            p = p + weights[..., j, None] * position_steps[i + j]
             R = R @ turns[..., j, :, :]
-        T[..., :3, :3], T[..., :3, 3] = R, p
+        T[..., :3, :3], T[..., :3, 3] = R, self._moved(i, weights, self.controls[i, :3, 3])
         return T
+
+    def position(self, t_s: ArrayLike) -> Float64:
+        """Return the camera center in the world, (..., 3) m: that of `pose`, many times faster."""
+        i, weights, _, _ = self._weights(t_s)
+        return self._moved(i, weights, self.controls[i, :3, 3])
 
     def velocity(self, t_s: ArrayLike) -> Float64:
         """Return the velocity of the camera center in the world, (..., 3) m/s."""
         i, _, rates, _ = self._weights(t_s)
-        return self._moved(i, rates)
+        return self._moved(i, rates, np.zeros((*i.shape, 3)))
 
     def acceleration(self, t_s: ArrayLike) -> Float64:
         """Return the acceleration of the camera center in the world, (..., 3) m/s^2."""
         i, _, _, bends = self._weights(t_s)
-        return self._moved(i, bends)
+        return self._moved(i, bends, np.zeros((*i.shape, 3)))
 
-    def _moved(self, i: NDArray[np.intp], weights: Float64) -> Float64:
-        """Return the weighted sum of the three steps in position from control i on."""
+    def _moved(self, i: NDArray[np.intp], weights: Float64, start: Float64) -> Float64:
+        """Return the sum of a start and the weighted three steps in position from control i on."""
         steps, _ = self._steps
-        return sum(
-            (weights[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3))
-        )
+        return sum((weights[..., j, None] * steps[i + j] for j in range(3)), start)
 
     def angular_velocity(self, t_s: ArrayLike) -> Float64:
         """Return the angular velocity of the camera along its own axes, (..., 3) rad/s.

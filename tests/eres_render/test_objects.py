@@ -201,6 +201,15 @@ def test_an_object_that_meets_the_camera_is_refused(scene_folder):
         _ = Renderer(load_scene(scene_folder), 8, 1).trajectory
 
 
+def test_an_object_that_has_turned_to_the_camera_is_refused(tmp_path):
+    """Expected: a ball 1 m beside the axis of its turn is at the camera after half a turn."""
+    folder = folder_of(tmp_path / "turned", FLOOR, SPHERE.replace('"0 0 1"', '"1 0 3"'))
+    half_a_turn = moved(x=1.0, turn_z_rad=np.pi)
+    write_path(folder / "ball.txt", (0.0, 1.0), half_a_turn, half_a_turn)
+    with pytest.raises(TrajectoryError, match=r"at t = 0\.000 s the camera .* shape 'ball'"):
+        _ = Renderer(load_scene(folder), 8, 1).trajectory
+
+
 def test_the_camera_may_be_behind_an_object(tmp_path):
     """Only a camera inside an object is refused."""
     tile = KINDS["tile"].format('<rotate x="1" angle="180"/><translate z="2"/>')

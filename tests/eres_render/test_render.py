@@ -27,6 +27,8 @@ from eres_render import (
     render_clip,
     render_scene,
 )
+from eres_render.rendering.backend import select_variant
+from eres_render.rendering.raycast import RayCaster
 from light_scenes import DOTS_M, dots_folder, edit_scene, light_evenly, tilted_pose
 
 ROOT = Path(__file__).parents[2]
@@ -52,6 +54,26 @@ def pose(small_carpet):
 @pytest.fixture(scope="module")
 def uninterrupted(renderer, tmp_path_factory):
     return render_clip(renderer, CLIP, tmp_path_factory.mktemp("whole") / "clip", 0.25)
+
+
+@pytest.mark.parametrize("integrator", ["path", "baked"])
+def test_code_is_compiled_once_for_views_of_all_sizes(small_carpet, integrator):
+    """Promise: Dr.Jit compiles the same code for square views of any number of rays and pixels."""
+    import drjit as dr
+
+    def code_for(width):
+        dr.kernel_history_clear()
+        renderer = Renderer(small_carpet, width, 4, integrator=integrator)
+        renderer.frame(renderer.trajectory.pose(1.0))
+        RayCaster(renderer._mi_scene).cast(np.ones((width, 3)), np.ones((width, 3)))
+        return {kernel["hash"] for kernel in dr.kernel_history() if "hash" in kernel}
+
+    if select_variant().startswith("scalar"):
+        pytest.skip("scalar variants compile nothing")
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        first, again, other = map(code_for, (16, 16, 24))
+    assert len(first) > 4
+    assert other <= first | again
 
 
 def test_a_sequence_is_one_line(uninterrupted):

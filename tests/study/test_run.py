@@ -82,6 +82,18 @@ def finished(scene_folder, tmp_path_factory):
         yield out, rows
 
 
+@pytest.fixture
+def recalled(finished, monkeypatch):
+    """Take the rows of a job from the finished run, in place of computing them again."""
+    jobs, timings = finished[0] / "jobs", read_timings(finished[0] / "costs")[0]
+
+    def recall(queued, on_progress):
+        here = environment.environment(select_variant())
+        return ComputedJob(read_rows(jobs / f"{queued.key}.parquet"), timings, {}, here)
+
+    monkeypatch.setattr(local, "compute_job", recall)
+
+
 def test_rows_fill_the_grid(finished):
     """Promise: every task, method, variant, sample, item and setting has exactly one row."""
     _, rows = finished
@@ -264,6 +276,7 @@ def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeyp
     assert json.loads((run / "scaling" / "carpet.json").read_text())["job"] == key
 
 
+@pytest.mark.usefixtures("recalled")
 def test_an_older_run_is_continued(finished, scene_folder, tmp_path):
     """Promise: rows of jobs are read, and kept, where earlier versions had them, in `parts`."""
     run, study = tmp_path / "run", tiny_study(scene_folder)
@@ -276,6 +289,7 @@ def test_an_older_run_is_continued(finished, scene_folder, tmp_path):
     assert not (run / "jobs").exists()
 
 
+@pytest.mark.usefixtures("recalled")
 def test_two_processes_do_not_compute_one_run(finished, scene_folder, tmp_path):
     """Promise: the second one is refused, and reads what is finished; no lock stays behind."""
     run, study = tmp_path / "run", tiny_study(scene_folder)
@@ -309,6 +323,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
     for name in ("alpha", "beta"):
         shutil.copytree(scene_folder, tmp_path / name)
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
+    study = replace(study, simulate=replace(study.simulate, widths=(24,)))
     study = replace(study, render=replace(study.render, samples=1))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
     with pytest.raises(StudyError, match=r"alpha' and '.*beta' have the same content"):
@@ -559,6 +574,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     assert read_rows(first) == read_rows(out / "jobs" / first.name)
 
 
+@pytest.mark.usefixtures("recalled")
 def test_where_the_finished_jobs_were_computed_stays_known(
     finished, scene_folder, tmp_path, caplog
 ):
@@ -604,9 +620,10 @@ def test_a_finished_run_without_its_environment_is_readable_again(
     file.unlink() if damage is None else file.write_bytes(damage)
     run_study(tiny_study(scene_folder), run)
     assert "command" in json.loads(file.read_text())
-    write_report(run)
+    page_of(run)
 
 
+@pytest.mark.usefixtures("recalled")
 @pytest.mark.parametrize(
     ("name", "before"), [("mitsuba", "3.8.0"), ("Mitsuba variant", "cuda_ad_mono")]
 )
@@ -637,6 +654,7 @@ def test_a_run_is_not_continued_with_another_renderer(
 FULL = "No space left on device"
 
 
+@pytest.mark.usefixtures("recalled")
 @pytest.mark.parametrize("name", ["study.json", "jobs/{key}.parquet", "rows.parquet"])
 def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkeypatch, name):
     """Promise: on a full disk, the error names the file, which keeps its old content."""

@@ -31,8 +31,8 @@ STUDIES = {
     "day alone": replace(ALONE, cutoffs_hz=(200.0,)),
     "slow and fast": replace(
         ALONE,
-        widths=(16, 32, 64),
-        cutoffs_hz=(10.0, 200.0, math.inf, 50.0),
+        widths=(16, 32),
+        cutoffs_hz=(10.0, 200.0, math.inf),
         speeds=(2.0, 1.0, 0.5),
         photoreceptors=("two_pole", "v2e", "one_pole"),
     ),
@@ -85,7 +85,7 @@ def test_a_row_alone_equals_the_row_beside_others(studies):
                 assert studies[other][key] == row, (name, other, row.task, row.method)
                 shared += 1
     assert shared == 2 * 2 * ROWS
-    assert len(studies["slow and fast"]) > 20 * len(studies["ideal alone"])
+    assert len(studies["slow and fast"]) > 12 * len(studies["ideal alone"])
 
 
 def test_sensors_of_one_width_are_scored_with_their_own_frames(studies):
@@ -121,7 +121,7 @@ def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):
         )
     ]
     assert found == [row.value for row in asked]
-    assert len(found) == 2 * 4 * 3
+    assert len(found) == 2 * 3 * 3
 
 
 def test_a_camera_loses_the_share_that_its_bus_reports(tmp_path):

@@ -246,7 +246,7 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
 
 def test_convergence_prints_each_setting(eres, tmp_path):
     folder = room_folder(tmp_path / "room")
-    code, out, _ = eres("convergence", folder, "--resolution", "24", "--duration", "0.02")
+    code, out, _ = eres("convergence", folder, "--resolution", "12", "--duration", "0.02")
     assert code == 0
     lines = out.splitlines()
     assert len(lines) == 1 + 1 + 2 * 8

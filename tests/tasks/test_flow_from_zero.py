@@ -15,7 +15,7 @@ from tasks.recording.recording import open_recording
 from tasks.recording.window_length import ENOUGH_PX
 
 SIZE = 128, 96
-OPTIONS = FlowOptions(windows=2, features=20)
+OPTIONS = FlowOptions(windows=2, features=10)
 NOISY = SensorModel(
     width=SIZE[0],
     height=SIZE[1],
@@ -57,7 +57,7 @@ def still(folder):
     ("axis", "motion_px", "duration_s"),
     [
         ((0, 1, 0), 0.3, 0.9),
-        ((0, 1, 0), 1.0, 0.5),
+        pytest.param((0, 1, 0), 1.0, 0.5, marks=pytest.mark.slow),
         ((0, 1, 0), 3.0, 0.3),
         ((0, 0, 1), 1.0, 0.3),
     ],

@@ -47,6 +47,12 @@ def frames(made):
     return open_frames(made.frames, encoding="linear")
 
 
+@pytest.fixture
+def coarse_clock(monkeypatch):
+    """Try 11 shifts of the clock in place of 41, in tests of what does not depend on them."""
+    monkeypatch.setattr("tasks.recording.clock.STEP_US", 4000)
+
+
 def medians(found):
     """Return the median score of each method."""
     names = dict.fromkeys(score.method for score in found.rows)
@@ -263,10 +269,10 @@ def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
 def test_a_clock_is_found_where_the_light_between_frames_is_not(tmp_path):
     """Promise: where the image moves by half its height from frame to frame, so that no light
     between them is known, the shift is still right to a millisecond."""
-    light, t_s = texture_in_motion(2, 501, (64, 80), 1e-3, travel_px=150.0)
+    light, t_s = texture_in_motion(2, 501, (48, 60), 1e-3, travel_px=112.0)
     t_us = np.round(1e6 * t_s).astype(int) - 8000
     light /= np.percentile(light[0], 99.9)
-    model = SensorModel(width=80, height=64, contrast_threshold=0.2, dark_level=1 / 64)
+    model = SensorModel(width=60, height=48, contrast_threshold=0.2, dark_level=1 / 64)
     write_events(tmp_path / "fast.h5", simulate(light, t_s, model))
     lines = ["t_us_start,t_us_end,file"]
     for k in range(0, 501, 100):
@@ -288,6 +294,7 @@ def test_tracks_follow_the_texture(made, frames):
     assert np.abs(found.flow_px - found.flow_px.mean(0)).max() < 0.15
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_flow_with_frames_beats_doing_nothing(recording, frames):
     """Promise: from zero, both kinds of methods come near the tracks, and zero flow is as far off
     as the texture moves."""
@@ -323,6 +330,7 @@ def test_thresholds_are_fitted_for_methods_that_use_them(made, frames, tmp_path)
         evaluate_recording(on, "flow", frames=frames, methods=own, flow=options)
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_methods_without_a_threshold_answer_the_same_with_any(recording, frames):
     """Promise: the methods of flow that are listed as such do not use the threshold."""
     options = FlowOptions(patch_px=21, windows=3, features=6, search_px=6.0)
@@ -369,6 +377,7 @@ def dense(recording, monkeypatch, flow_px, **more):
     return evaluate_recording(recording, "dense_flow", **given), seen
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_dense_flow_with_frames_is_compared_with_tracks(recording, frames, made, monkeypatch):
     """Promise: the true flow is as near to the tracks as these are to the texture; a window and the
     one before it are of equal length and follow one another."""
@@ -402,6 +411,7 @@ def test_dense_flow_without_frames_is_how_much_sharper_events_become(
     assert all(len(sample.before) for sample in seen)
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path):
     """Promise: event integration is far better than the frame before; and with long exposures
     better if they are known than if frames are taken as instants."""
@@ -419,6 +429,7 @@ def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path)
     assert gain > 2
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_images_from_events_alone_are_scored_at_each_frame(recording, frames):
     """Promise: one score for each frame within the events and each method."""
     found = evaluate_recording(recording, "video", frames=frames)
@@ -459,6 +470,7 @@ def test_options_of_flow_are_refused_for_images(made, tmp_path, eres):
     assert f"{made.events_file}: reconstruction uses no windows or patches" in err
 
 
+@pytest.mark.usefixtures("coarse_clock")
 def test_the_truth_itself_is_refused_by_name(made, tmp_path, eres):
     """Promise: a diagnostic needs the light of a rendered sequence; the error names the file."""
     frames = made.write_frames(tmp_path / "frames")

@@ -162,33 +162,27 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
     assert "code git one; git two" in out
 
 
-@pytest.mark.parametrize(
-    ("codes", "said"),
-    [
-        (
-            ("git one", "git two", "git one"),
-            "with code git one, and was started with code git one; git two",
-        ),
-        (
-            ("git one", "git one", "git one-dirty"),
-            "with code git one-dirty, and was started with code git one",
-        ),
-        (
-            ("git one-dirty", "git one-dirty", "git one-dirty"),
-            "with code git one-dirty, and was started",
-        ),
-        (("git one", "git one", "git one"), ""),
-    ],
-)
-def test_other_code_is_said_at_every_start(tmp_path, caplog, codes, said):
+def test_other_code_is_said_at_every_start(tmp_path, caplog):
     """Promise: code is compared with that of the start before; changes without a commit have no
     name to compare."""
-    for k, code in enumerate(codes):
-        caplog.clear()
-        with caplog.at_level(logging.WARNING):
-            stopped(tmp_path, k + 1, code=code)
-    assert said in caplog.text
-    assert bool(said) == bool(caplog.text)
+    started = "with code git one-dirty, and was started"
+    for run, steps in (
+        (
+            "clean",
+            [("git one", ""), ("git one", ""), ("git one-dirty", f"{started} with code git one")],
+        ),
+        ("dirty", [("git one-dirty", ""), ("git one-dirty", started)]),
+        (
+            "two",
+            [("git one", ""), ("git two", "with code git two"), ("git one", "git one; git two")],
+        ),
+    ):
+        for k, (code, said) in enumerate(steps):
+            caplog.clear()
+            with caplog.at_level(logging.WARNING):
+                stopped(tmp_path / run, k + 1, code=code)
+            assert said in caplog.text
+            assert bool(said) == bool(caplog.text)
 
 
 @contextmanager

@@ -113,6 +113,27 @@ def frames_solved(recording):
     return solve_recording(recording, found, Unknowns(corner_bias=True), 2.0)
 
 
+@pytest.fixture(scope="module")
+def calibration(frames_solved, tmp_path_factory):
+    file = tmp_path_factory.mktemp("calibration") / "calibration.json"
+    write_calibration(file, [frames_solved])
+    return read_rig_calibration(file)
+
+
+@pytest.fixture(scope="module")
+def made(recording, calibration, tmp_path_factory):
+    """A folder with the recording's crop, which tests leave as it is."""
+    out = tmp_path_factory.mktemp("crops")
+    crop([recording], calibration, out)
+    return out
+
+
+@pytest.fixture
+def crops(made, tmp_path):
+    """A folder with a crop of its own."""
+    return Path(shutil.copytree(made, tmp_path / "crops"))
+
+
 def error(solved, recording):
     return compare(solved.pose.pose(), read_truth(recording), recording.camera, solved.x_m)
 
@@ -209,13 +230,11 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, eres):
+def test_a_crop_tells_cutoff_and_latency(made, tmp_path, eres):
     """Promise: views of the page from the solved poses are light in known motion: the sensor's
     cutoff and its latency of 0 are within the camera's bounds, which are no more than bounds as
     12 % of the change of the light stays unexplained."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    out = made / "near"
     fitted = tmp_path / "fitted.toml"
     command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", fitted
     code, _, err = eres(*command)
@@ -260,14 +279,11 @@ def test_a_calibration_is_of_its_camera(recording, frames_solved):
         frames_solved.check_camera(bent)
 
 
-def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
+def test_crops_and_scores(folder, recording, frames_solved, calibration, made):
     """Promise: a crop's events, poses and homographies belong together, and methods beat doing
     nothing on it."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    calibration = read_rig_calibration(file)
     assert calibration.of(recording) == frames_solved
-    (out,) = crop([recording], calibration, tmp_path / "crops")
+    out = made / "near"
     cropped = read_crop(out)
     events, whole = load_events(out / "events.h5"), load_events(folder / "events.h5")
     box = cropped.box
@@ -286,7 +302,7 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     settings = RigEvaluation(
         places=2, features=4, flow=("contrast_maximization", "initial_flow"), tracking=()
     )
-    rows = evaluate_rig([tmp_path / "crops"], settings)
+    rows = evaluate_rig([made], settings)
     assert {row.task for row in rows} == {"flow", "video"}
     assert {round(row.speed, 3) for row in rows} == {0.06}
     median = {
@@ -322,12 +338,10 @@ def test_a_wrong_crop_is_refused(field, value, said, tmp_path):
 
 
 @pytest.mark.parametrize("lens", [(0.0,) * 5, (-0.35, 0.1, 0.0, 0.0, 0.0)])
-def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(recording, frames_solved, tmp_path, lens):
+def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(crops, lens):
     """Promise: from frame to frame no point that is in view moves farther, nor much less, through
     a lens too."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    out = crops / "near"
     facts = json.loads((out / "crop.json").read_text())
     (out / "crop.json").write_text(json.dumps(facts | {"lens": lens}))
     cropped, footage = read_crop(out), light_of_crop(out)
@@ -342,12 +356,10 @@ def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(recording, frames_solve
     assert min(steps_px) > 0.45
 
 
-def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, tmp_path):
+def test_a_crop_needs_events_while_the_slider_is_read(crops):
     """Promise: clocks that overlap for less than 100 us, or not at all, are an error in one
     line."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    out = crops / "near"
     first_us = load_events(out / "events.h5").t_us[0]
     for until_us in (40.0, -300.0):
         readings = Slider(first_us + np.array([-500.0, until_us]), np.array([0.0, 0.01]))
@@ -356,40 +368,30 @@ def test_a_crop_needs_events_while_the_slider_is_read(recording, frames_solved, 
             light_of_crop(out)
 
 
-def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_path):
+def test_a_crop_is_there_when_its_last_file_is(recording, calibration, crops):
     """Promise: a stopped crop is made again without --overwrite, and is not scored; a finished one
     is refused before anything is written."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    calibration, out = read_rig_calibration(file), tmp_path / "crops"
-    (made,) = crop([recording], calibration, out)
     with pytest.raises(TaskError, match=r"crop.json: already exists"):
-        crop([recording], calibration, out)
-    (made / "crop.json").unlink()
+        crop([recording], calibration, crops)
+    (crops / "near" / "crop.json").unlink()
     with pytest.raises(RigError, match="crops: has no crops"):
-        evaluate_rig([out], RigEvaluation())
-    crop([recording], calibration, out)
-    assert (made / "crop.json").exists()
+        evaluate_rig([crops], RigEvaluation())
+    crop([recording], calibration, crops)
+    assert (crops / "near" / "crop.json").exists()
 
 
-def test_crops_of_one_folder_show_one_field(recording, frames_solved, tmp_path):
+def test_crops_of_one_folder_show_one_field(recording, calibration, crops):
     """Promise: crops of another call, which show another field, do not stay beside new ones."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    calibration, out = read_rig_calibration(file), tmp_path / "crops"
-    (made,) = crop([recording], calibration, out)
-    shutil.copytree(made, out / "far")
+    shutil.copytree(crops / "near", crops / "far")
     with pytest.raises(RigError, match=r"far: is a crop of another recording"):
-        crop([recording], calibration, out, overwrite=True)
-    assert (made / "crop.json").exists()
+        crop([recording], calibration, crops, overwrite=True)
+    assert (crops / "near" / "crop.json").exists()
 
 
-def test_every_distance_has_the_same_places_and_corners(recording, frames_solved, tmp_path):
+def test_every_distance_has_the_same_places_and_corners(crops):
     """Promise: patches of flow are at the same points of the print from near and far, with the same
     numbers, there and back; a recording that begins elsewhere shares the part that both pass."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    made = crops / "near"
     far = made.with_name("far")
     shutil.copytree(made, far)
     near = read_crop(made)
@@ -403,13 +405,13 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     lens = {"fx": zoom * near.fx, "fy": zoom * near.fy}
     farther = replace(near, pose=pose, **size, **middle, **lens)
     (far / "crop.json").write_text(json.dumps(asdict(farther)))
-    crops = {folder: read_crop(folder) for folder in (far, made)}
+    cropped = {folder: read_crop(folder) for folder in (far, made)}
     settings = RigEvaluation()
-    (printed,) = prints_of(crops, 3, settings.travel_m).values()
+    (printed,) = prints_of(cropped, 3, settings.travel_m).values()
     assert printed.nearest == near
     points = {}
-    for folder in crops:
-        one = _load(folder, crops[folder], printed, settings)
+    for folder in cropped:
+        one = _load(folder, cropped[folder], printed, settings)
         found = _windows(one, settings.travel_m)
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
         pose, camera = one.cropped.pose.pose(), one.cropped.camera()
@@ -445,63 +447,55 @@ def test_every_distance_has_the_same_places_and_corners(recording, frames_solved
     assert (one.columns(score)["speed"], two.columns(score)["speed"]) == (0.2, 0.4)
 
 
-def test_recordings_of_one_picture_are_of_one_print(recording, frames_solved, tmp_path):
+def test_recordings_of_one_picture_are_of_one_print(crops, tmp_path):
     """Promise: places on different pages are not compared; the text names both folders. Nor are
     there more places than the print has room for."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    made = crops / "near"
     with pytest.raises(RigError, match=r"pebbles: .* 4 windows of 6 mm on the 30 mm .*for 9;"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=9))
+        evaluate_rig([crops], RigEvaluation(places=9))
     (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
     off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
     nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
     with pytest.raises(RigError, match=r"events.h5: .* 2 places .* 6 mm"):
         _windows(nowhere, 0.006)
     with pytest.raises(RigError, match=r"0 windows of 40 mm"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(travel_m=0.04))
+        evaluate_rig([crops], RigEvaluation(travel_m=0.04))
     shutil.copytree(made, tmp_path / "others" / "near")
     image = tmp_path / "others" / "near" / "page.png"
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
     codes[codes.shape[0] // 2, codes.shape[1] // 2] ^= 255
     cv2.imwrite(str(image), codes)
     with pytest.raises(RigError, match=r"others/near: its page is not"):
-        evaluate_rig([tmp_path / "crops", tmp_path / "others"], RigEvaluation(places=2))
+        evaluate_rig([crops, tmp_path / "others"], RigEvaluation(places=2))
     facts = asdict(read_crop(made))
     shutil.copytree(made, made.with_name("wide"))
     wide = json.dumps(facts | {"width": 2 * facts["width"]})
     (made.with_name("wide") / "crop.json").write_text(wide)
     with pytest.raises(RigError, match=r"near: its field is .* mm wide"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2))
+        evaluate_rig([crops], RigEvaluation(places=2))
     shutil.rmtree(made.with_name("wide"))
     settings = RigEvaluation(places=2, tracking=(), flow=(), video=("blank",))
-    once = evaluate_rig([tmp_path / "crops"], settings)
+    once = evaluate_rig([crops], settings)
     link = tmp_path / "link"
-    link.symlink_to(tmp_path / "crops")
-    assert evaluate_rig([tmp_path / "crops", link], settings) == once != []
+    link.symlink_to(crops)
+    assert evaluate_rig([crops, link], settings) == once != []
     still = Slider(np.array([0.0, 1e9]), np.array([0.01, 0.01]))
     write_slider(made / "slider.csv", still)
     with pytest.raises(RigError, match=r"slider.csv: slider: the carriage stays at 0.01 m"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation())
+        evaluate_rig([crops], RigEvaluation())
 
 
-def test_tracking_with_a_delay_has_the_events_that_it_needs(recording, frames_solved, tmp_path):
+def test_tracking_with_a_delay_has_the_events_that_it_needs(made):
     """Promise: a method that estimates the delay runs on a crop, too."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    crop([recording], read_rig_calibration(file), tmp_path / "crops")
-    options = {"places": 3, "travel_m": 0.002, "flow": (), "video": ()}
+    options = {"places": 2, "travel_m": 0.001, "flow": (), "video": ()}
     method = "photometric_tracking_with_delay"
-    rows = evaluate_rig([tmp_path / "crops"], RigEvaluation(tracking=(method,), **options))
+    rows = evaluate_rig([made], RigEvaluation(tracking=(method,), **options))
     assert {row.method for row in rows} == {method}
 
 
-def test_your_own_task_is_scored_on_crops(recording, frames_solved, tmp_path, monkeypatch):
+def test_your_own_task_is_scored_on_crops(made, tmp_path, monkeypatch):
     """Promise: the task of docs/methods.md runs on crops, next to the others: the rate of a window
     is that of the crop's events in it. One that needs what a crop lacks is refused."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    (made,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "my_rate", raising=False)
     blocks = {name: text for _, name, text in BLOCK.findall((DOCS / "methods.md").read_text())}
@@ -511,11 +505,11 @@ def test_your_own_task_is_scored_on_crops(recording, frames_solved, tmp_path, mo
         options = {"places": 3, "travel_m": 0.002, "video": (), "tracking": ()}
         settings = RigEvaluation(flow=("initial_flow",), **options)
         tasks = {"rate": TaskSettings(methods=("exact",))}
-        rows = evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+        rows = evaluate_rig([made], settings, tasks=tasks)
         rates = [row for row in rows if row.task == "rate"]
         assert {row.task for row in rows} == {"flow", "rate"}
         assert [row.sample for row in rates] == [0, 0, 1, 1, 2, 2]  # there and back
-        events = load_events(made / "events.h5")
+        events = load_events(made / "near" / "events.h5")
         for row in rates:
             assert row.value == pytest.approx(1e-6 * row.event_rate_hz)
             start_us = row.t_us - round(1e6 * 0.002 / 0.06)
@@ -523,20 +517,18 @@ def test_your_own_task_is_scored_on_crops(recording, frames_solved, tmp_path, mo
             assert count / (row.t_us - start_us) == pytest.approx(row.value, rel=0.02)
         TASKS["rate"] = replace(TASKS["rate"], needs=("poses", "sound"))
         with pytest.raises(TaskError, match="event rate needs sound, which a crop does not have"):
-            evaluate_rig([tmp_path / "crops"], settings, tasks=tasks)
+            evaluate_rig([made], settings, tasks=tasks)
     finally:
         TASKS.pop("rate", None)
         sys.modules.pop("my_rate", None)
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, overwrite):
+def test_a_crop_never_replaces_a_recording(recording, calibration, overwrite):
     """Promise: --out may not be the folder of the recordings."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
     before = {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()}
     with pytest.raises(RigError, match=r"near: contains a recording"):
-        crop([recording], read_rig_calibration(file), recording.folder.parent, overwrite=overwrite)
+        crop([recording], calibration, recording.folder.parent, overwrite=overwrite)
     assert {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()} == before
 
 
@@ -575,25 +567,17 @@ def test_the_rig_s_own_camera_file_stays(tmp_path, monkeypatch):
     assert "# measured on Tuesday" in file.read_text()
 
 
-def test_rows_are_asked_for(recording, frames_solved, tmp_path):
+def test_rows_are_asked_for(made):
     """Promise: an evaluation of nothing is an error, not an empty table."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    crop([recording], read_rig_calibration(file), tmp_path / "crops")
     with pytest.raises(RigError, match="crops: nothing to score"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2, flow=(), video=(), tracking=()))
+        evaluate_rig([made], RigEvaluation(places=2, flow=(), video=(), tracking=()))
 
 
-def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, tmp_path):
+def test_seeds_of_evaluations_share_no_initial_paths(made):
     """Promise: evaluations with seeds 0 and 1 are independent; the second began with the path of
     the first one's next window."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    crop([recording], read_rig_calibration(file), tmp_path / "crops")
     options = {"places": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
-    first, second = (
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(seed=k, **options)) for k in (0, 1)
-    )
+    first, second = (evaluate_rig([made], RigEvaluation(seed=k, **options)) for k in (0, 1))
     errors_mm = {round(row.value, 6) for row in (*first, *second)}
     assert len(errors_mm) == len(first) + len(second) >= 4
 
@@ -857,17 +841,14 @@ def test_bad_recordings_are_refused(folder, tmp_path):
         open_rig_recording(Path(tmp_path / "nowhere"))
 
 
-def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp_path):
+def test_recordings_that_cannot_be_scored_are_refused(recording, crops):
     """Promise: tracking with lens distortion, a recording shorter than a window or without events,
     and a latency from motion in one direction: one line that names the recording."""
-    file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
-    recording = open_rig_recording(folder)
-    (out,) = crop([recording], read_rig_calibration(file), tmp_path / "crops")
+    out = crops / "near"
     cropped = read_crop(out)
     (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
     with pytest.raises(RigError, match=r"crop.json: lens: .*tracking"):
-        evaluate_rig([tmp_path / "crops"], RigEvaluation(places=2))
+        evaluate_rig([crops], RigEvaluation(places=2))
     events = load_events(out / "events.h5")
     settings = RigEvaluation(places=2, tracking=(), flow=(), video=("blank",))
     begins_us = int(events.t_us[len(events) // 4])
@@ -879,7 +860,7 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
         chosen = (events.t_us >= begins_us) & (events.t_us < last_us)
         write_events(out / "events.h5", events.where(chosen))
         with pytest.raises(RigError, match=said) as refused:
-            evaluate_rig([tmp_path / "crops"], settings)
+            evaluate_rig([crops], settings)
         assert "\n" not in str(refused.value)
 
     found = detect(recording, "frame", images=10)
