@@ -152,7 +152,7 @@ def draw(path: Path, cases: list[Case]) -> None:
     axes.axvspan(*NEAR_PX, color="#eceeea", lw=0)
     axes.axvline(CROSSING_PX, color="#777777", lw=0.8)
     axes.axhline(0, color="#777777", lw=0.8)
-    for scene, inside in grouped(cases, lambda case: case.window.scene).items():
+    for scene, inside in grouped(cases, lambda case: case.scene).items():
         lags, margins = zip(*((case.lag_px, case.margin_db) for case in inside), strict=True)
         axes.plot(lags, margins, ".", ms=2.5, alpha=0.7, label=scene.replace("_", " "))
     bins = np.geomspace(0.03, 12, 25)
@@ -191,7 +191,7 @@ def main() -> None:
         cases = cases_of(inside)
         print_shares(
             {"all": cases}
-            | grouped(cases, lambda case: case.window.scene)
+            | grouped(cases, lambda case: case.scene)
             | grouped(cases, lambda case: f"{case.width} over {case.coarser} px")
         )
         print_margins(cases)

@@ -6,6 +6,7 @@ import json
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
@@ -25,10 +26,15 @@ TABLE = "stored.json"
 _METHOD, _FLOW = "event_integration", "zero_flow"
 
 
-class Case(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Case:
     """Two neighboring widths in one window."""
 
-    window: Window
+    run: str
+    scene: str
+    samples: int  # 1, or how many it is the median of
+    cutoff_hz: float
+    speed: float  # factor on the base speed
     width: int  # px, of the finer one
     coarser: int  # px
     lag_px: float  # of the finer one
@@ -71,7 +77,8 @@ class Window(NamedTuple):
         """Yield the pairs of neighboring widths; none with ideal pixels, whose lag is 0."""
         scores = zip(self.widths, self.psnr_db, strict=True)
         for (coarser, low), (finer, high) in pairwise(scores if self.cutoff_hz < math.inf else ()):
-            yield Case(self, finer, coarser, self.lag_px(finer), high - low)
+            where = self.run, self.scene, 1, self.cutoff_hz, self.speed
+            yield Case(*where, finer, coarser, self.lag_px(finer), high - low)
 
 
 def cases_of(windows: Iterable[Window]) -> list[Case]:
@@ -170,4 +177,27 @@ def stored_windows() -> tuple[Window, ...]:
         )
         for part in parts
         for scene, sample, cutoff, speed, px_s, psnr_db, events in part["windows"]
+    )
+
+
+@cache
+def stored_cases() -> tuple[Case, ...]:
+    """Return the cases of the table in this package."""
+    return tuple(cases_of(stored_windows()))
+
+
+@cache
+def stored_cells() -> tuple[Case, ...]:
+    """Return the medians of these cases over the samples of a scene."""
+    cells: defaultdict[tuple[object, ...], list[Case]] = defaultdict(list)
+    for case in stored_cases():
+        cells[case.run, case.scene, case.cutoff_hz, case.speed, case.width].append(case)
+    return tuple(
+        replace(
+            inside[0],
+            samples=len(inside),
+            lag_px=median(case.lag_px for case in inside),
+            margin_db=median(case.margin_db for case in inside),
+        )
+        for inside in cells.values()
     )
