@@ -17,6 +17,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,7 +33,7 @@ from tasks.study.results.run_files import read_config
 ROOT = Path(__file__).parents[1]
 CROSSINGS_PX = (0.8, 0.9, 1.0, 1.1, 1.2)
 EDGES_PX = (0, 0.3, 0.6, 0.9, 1.2, 2, 4, 9, math.inf)
-FLOWS, TRACKING = ("photometric_flow", "photometric_flow_with_delay"), "photometric_tracking"
+FLOW, TRACKING = "photometric_flow", "photometric_tracking"
 
 
 def table(heads: Iterable[str], lines: Iterable[Iterable[object]]) -> None:
@@ -110,39 +111,41 @@ def print_regrets(windows: list[Window]) -> None:
 
 
 def print_delays(folder: Path, windows: list[Window]) -> None:
-    """Print the errors of flow and tracking next to the lag and the delay."""
-    lags = {one[1:5]: one.lag_px(one.widths[-1]) for one in windows if one.cutoff_hz < math.inf}
-    base_m_s = read_config(folder)["base_m_per_s"]
-    widest = windows[0].widths[-1]
-    errors: defaultdict[tuple[object, ...], defaultdict[int, list[float]]]
-    errors = defaultdict(lambda: defaultdict(list))
+    """Print the errors of flow and tracking at each width next to the lag and the delay."""
+    widths, base_m_s = windows[0].widths, read_config(folder)["base_m_per_s"]
+    lags = {one[1:5]: one.lag_px(widths[-1]) for one in windows if one.cutoff_hz < math.inf}
+    found: defaultdict[tuple[Any, ...], defaultdict[int, list[float]]]
+    found = defaultdict(lambda: defaultdict(list))
     for row in read_rows(folder / "rows.parquet"):
         plain = row.photoreceptor == "two_pole" and row.variant in ("", "sigma 20 mm")
-        slow = row.width == widest and row.cutoff_hz < math.inf and row.speed in (1, 2)
-        if plain and slow and row.method in (*FLOWS, TRACKING):
-            key = row.scene, row.cutoff_hz, row.speed, row.method
-            errors[key][row.sample].append(row.value)
+        if plain and row.cutoff_hz < math.inf and row.speed in (1, 2):
+            key = row.method, row.scene, row.cutoff_hz, row.speed, row.width
+            found[key][row.sample].append(row.value)
+    errors = {
+        key: np.array([np.median(one) for _, one in sorted(inside.items())])
+        for key, inside in found.items()
+    }
     flows, paths = [], []
-    for (scene, cutoff_hz, speed, method), by_sample in errors.items():
-        found = np.array([np.median(one) for one in by_sample.values()])
-        where = scene, f"{cutoff_hz:g} Hz", f"{speed:g}"
-        if method == FLOWS[0]:
-            other = errors[scene, cutoff_hz, speed, FLOWS[1]].values()
-            lag = np.array([lags[scene, sample, cutoff_hz, speed] for sample in by_sample])
-            rank = f"{spearmanr(lag, found).statistic:.2f}" if np.ptp(lag) else "-"
-            with_delay = np.median([*map(np.median, other)])
-            numbers = np.median(lag), np.median(found), np.median(found / lag), with_delay
-            flows.append((*where, *(f"{one:.2f}" for one in numbers), rank))
-        elif method == TRACKING:
+    for scene, cutoff_hz, speed in dict.fromkeys(key[1:4] for key in errors):
+        where, name = (scene, cutoff_hz, speed), (scene, f"{cutoff_hz:g} Hz", f"{speed:g}")
+        lag = np.array(
+            [lags[scene, sample, *where[1:]] for sample in sorted(found[FLOW, *where, widths[-1]])]
+        )
+        by_width = [errors[FLOW, *where, width] for width in widths]
+        rank = f"{spearmanr(lag, by_width[-1]).statistic:.2f}" if np.ptp(lag) else "-"
+        ratios = [f"{np.median(each / lag):.2f}" for each in by_width]
+        with_delay = f"{np.median(errors[f'{FLOW}_with_delay', *where, widths[-1]]):.2f}"
+        flows.append((*name, f"{np.median(lag):.2f}", *ratios, rank, with_delay))
+        if (TRACKING, *where, widths[-1]) in errors:
             late_mm = 1e3 * base_m_s[scene] * speed * delay_s(cutoff_hz)
-            paths.append((*where, f"{late_mm:.2f}", f"{np.median(found):.2f}"))
-    heads = "scene", "cutoff", "speed"
-    print(f"\nPhotometric flow at {widest} px: medians of the samples")
-    more = "lag, px", "error, px", "error / lag", "error with delay, px", "rank correlation"
-    table((*heads, *more), flows)
+            each = [f"{np.median(errors[TRACKING, *where, width]):.2f}" for width in widths]
+            paths.append((*name, f"{late_mm:.2f}", *each))
+    heads, at = ("scene", "cutoff", "speed"), [f"{width} px" for width in widths]
+    print(f"\nPhotometric flow: error by lag in px of {at[-1]}, at each width; then at {at[-1]}")
+    table((*heads, "lag, px", *at, "rank correlation", "error with delay, px"), flows)
     if paths:
-        print(f"\nPhotometric tracking at {widest} px, starts 20 mm off")
-        table((*heads, "speed x delay, mm", "error, mm"), paths)
+        print("\nPhotometric tracking from 20 mm off: error in mm at each width")
+        table((*heads, "speed x delay, mm", *at), paths)
 
 
 def draw(path: Path, cases: list[Case]) -> None:
@@ -190,7 +193,7 @@ def main() -> None:
         print(f"\n## {folder}")
         cases = cases_of(inside)
         print_shares(
-            {"all": cases}
+            {folder.name: cases}
             | grouped(cases, lambda case: case.scene)
             | grouped(cases, lambda case: f"{case.width} over {case.coarser} px")
         )
@@ -201,8 +204,8 @@ def main() -> None:
         except ResultError:
             pass  # it has two poles alone
         else:
-            print("\nv2e's photoreceptor, one pole, at the lag of two")
-            print_shares({"all": cases_of(other)})
+            print("\nThe photoreceptor v2e, one pole, at the lag of two")
+            print_shares({f"{folder.name}, v2e": cases_of(other)})
             print_margins(cases_of(other))
         print_delays(folder, inside)
     if given.write:

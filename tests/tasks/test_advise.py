@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from another_process import run_python
+from another_process import ROOT, run_python
 from sensor import find_camera
 from sensor.cameras import plain_camera
 from tasks.advice.advise import View, advise, fov_of, ladder, line_up
@@ -112,6 +112,7 @@ def test_the_answer_fits_80_columns(eres):
     assert " 640x360   554   300, 145   0.59, 1.22  " in out
     assert "choose 640x360: " in out
     assert max(map(len, out.splitlines())) <= 80
+    assert out in (ROOT / "docs" / "what_decides.md").read_text()
 
 
 def test_json_has_the_same_numbers(eres):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmark_files import benchmark
 from sensor import SensorModel, simulate
 from tasks.advice.law import CROSSING_PX, chosen, delay_s, finer_wins, lag_px
 from tasks.advice.stored import (
@@ -95,6 +96,50 @@ def test_how_often_the_law_is_right(stored):
     assert others == [89.3, 91.5, 93.3, 91.3]
     unseen = cases_of(stored[RUNS[1]])
     assert (len(unseen), share_right(unseen)) == (540, 95.6)
+
+
+PAGE = (ROOT / "docs" / "what_decides.md").read_text()
+
+
+def lines_on_the_page(capsys):
+    """Return how many lines of the printed tables the page has."""
+    lines = [one for one in capsys.readouterr().out.splitlines() if one.startswith("| ")]
+    return sum(f"{one}\n" in PAGE for one in lines), len(lines)
+
+
+def test_the_page_has_the_tables_of_the_command(stored, capsys):
+    """Promise: docs/what_decides.md says what `python benchmarks/lag_law.py` prints."""
+    law = benchmark("lag_law")
+    for run, count in zip(RUNS, (5, 5), strict=True):
+        cases = cases_of(stored[run])
+        law.print_shares({Path(run).name: cases, **law.grouped(cases, lambda case: case.scene)})
+        assert lines_on_the_page(capsys) == (count, count)
+    law.print_margins(cases_of(stored[RUNS[0]]))
+    law.print_regrets(stored[RUNS[0]])
+    assert lines_on_the_page(capsys) == (16, 16)
+
+
+@pytest.mark.slow
+def test_the_page_has_the_delays_of_the_command(stored, capsys):
+    """Promise: its tables of flow and tracking are the lines of base speed."""
+    benchmark("lag_law").print_delays(ROOT / RUNS[0], stored[RUNS[0]])
+    assert lines_on_the_page(capsys) == (12, 22)  # of two heads, and ten and ten lines
+
+
+def test_the_crossing_follows_the_detail_along_the_motion():
+    """Physics: at a lag of 0.8 px the finer sensor wins with detail in all directions, loses with
+    stripes across the motion; at 3 px it loses with two poles, and not with one."""
+    textures = benchmark("lag_textures")
+    frames = {
+        kind: textures.frames_of(textures.texture(kind, 0), 130)
+        for kind in ("all directions", "stripes")
+    }
+
+    def margin(kind, lag, photoreceptor):
+        return textures.margins(frames[kind], lag, photoreceptor, 0.2, 0)[-1]
+
+    assert margin("all directions", 0.8, "two_pole") > 0 > margin("stripes", 0.8, "two_pole")
+    assert margin("all directions", 3.0, "one_pole") > 0 > margin("all directions", 3.0, "two_pole")
 
 
 def test_a_run_without_the_speed_of_its_image_is_refused(tmp_path):
