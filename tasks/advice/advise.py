@@ -172,7 +172,21 @@ class Advice:
 
 
 def fov_of(width: int, pitch_um: float | None, focal_length_mm: float) -> float:
-    """Return the horizontal field of view of a chip behind a lens, degrees.
+    """Return the horizontal field of view of a chip behind a lens.
+
+    Parameters
+    ----------
+    width
+        Width, px.
+    pitch_um
+        Side of a pixel, um; None if it is unknown.
+    focal_length_mm
+        Focal length, mm.
+
+    Returns
+    -------
+    float
+        Degrees.
 
     Raises
     ------
@@ -218,6 +232,18 @@ def ladder(view: View, chip: EventCamera, widths: Iterable[int]) -> list[Sensor]
 
 def line_up(view: View, cameras: Iterable[EventCamera]) -> list[Sensor]:
     """Return cameras in the same field of view, each behind a lens of its own.
+
+    Parameters
+    ----------
+    view
+        What they look at.
+    cameras
+        The cameras; each has a size.
+
+    Returns
+    -------
+    list of Sensor
+        From the coarsest to the finest.
 
     Raises
     ------
@@ -290,6 +316,15 @@ def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
     Returns
     -------
     Advice
+
+    Examples
+    --------
+    >>> from sensor import find_camera
+    >>> from tasks.advice.advise import View, advise, ladder
+    >>> view = View(speed=0.5, distance=0.5, lux=100)
+    >>> sensors = ladder(view, find_camera("gen4-cd"), [128, 240, 346, 640, 1280])
+    >>> [choice.sensor for choice in advise(view, sensors).choices]
+    ['640x360', '346x195']
     """
     best, choices = [], []
     columns = zip(*(sensor.lags_px for sensor in sensors), strict=False)

@@ -50,6 +50,10 @@ def finer_wins(lag: float, crossing_px: float = CROSSING_PX) -> bool:
         Lag of the finer one, px.
     crossing_px
         Lag at which both are as good, px.
+
+    Returns
+    -------
+    bool
     """
     return lag < crossing_px
 
