@@ -19,6 +19,7 @@ from eres_render.errors import RenderError, suggestion
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
 from tasks.cli import rig, terminal, train
+from tasks.cli.advise import advise
 from tasks.cli.app import commands, wrapped
 from tasks.cli.dataset import dataset
 from tasks.cli.evaluate import evaluate
@@ -35,7 +36,20 @@ radiance, turns it into events at any resolution, and scores what can be done wi
 `eres --version` prints the version."""
 _UNIT = re.compile(r"_(s|px|hz|m|lux)$")  # at the end of a field
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
-_OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate, study, report, claims, info
+_OF_EVENTS = (
+    simulate,
+    convert,
+    fit,
+    dataset,
+    view,
+    video,
+    evaluate,
+    study,
+    report,
+    claims,
+    info,
+    advise,
+)
 _COMMANDS = *_OF_SCENES, *_OF_EVENTS
 # The extra that is named if it has the package that is missing.
 _NEED_LIGHT = "bake", "convergence", "dataset", "evaluate", "render", "truth", "view"

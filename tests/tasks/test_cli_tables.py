@@ -132,6 +132,7 @@ def every_table(clip, finished_run, screen):
             ("sensors", "dvs128"),
             ("rig", "solve", sequence, "--out", folder / "calibration.json"),
             ("rig", "evaluate", folder, "--out", folder),
+            ("advise", "--speed", 1, "--distance", 1, "--lux", 100, "--sensor", "gen4-cd"),
             ("info", sequence),
             ("info", events),
         ):

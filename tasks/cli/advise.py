@@ -1,0 +1,154 @@
+"""The command that says which width to choose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import arg
+
+from tasks.advice.law import NEAR_PX
+from tasks.cli import terminal
+from tasks.cli.app import AsJson
+from tasks.cli.table import Table
+from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from tasks.advice.advise import Advice, Sensor
+
+_NOTES = """
+Hz, lag: if the cutoff does not depend on the area of a pixel, and if it is
+proportional to it. Finer wins, by dB: event integration against the next
+coarser sensor, in stored cases near the first lag. Mev/s: what stored scenes
+say for a contrast threshold of 0.2. Two equal poles are assumed. A coarser
+sensor has larger pixels: merging or cropping the events of a fine one does
+not make it."""
+
+
+def advise(
+    speed: float,
+    distance: float,
+    fov: float | None = None,
+    focal_length: float | None = None,
+    lux: float | None = None,
+    cutoff: float | None = None,
+    sensor: Annotated[tuple[str, ...], arg(metavar="CAMERA...", help_behavior_hint="")] = (),
+    pitch: float | None = None,
+    widths: Annotated[tuple[int, ...], arg(metavar="INT...", help_behavior_hint="")] = (),
+    as_json: AsJson = False,
+) -> None:
+    """Say which width to choose for a speed, a distance, a lens and a light.
+
+    The lag of a sensor is how far the image moves during the delay of its pixels. The finer of two
+    widths has the better images by event integration if its lag is less than 1 px: see
+    docs/what_decides.md. The lag and the choice are given for a cutoff that does not depend on the
+    area of a pixel (area^0), and for one that is proportional to it (area^1).
+
+    Parameters
+    ----------
+    speed
+        Speed of the camera relative to what it sees, along the image, m/s.
+    distance
+        Distance of what it sees, m.
+    fov
+        Horizontal field of view, degrees; 60 by default.
+    focal_length
+        Focal length in place of the field of view, mm.
+    lux
+        Light on the scene, lux, which decides the cutoff.
+    cutoff
+        Cutoff of the finest sensor in place of the light, Hz.
+    sensor
+        Camera: a name (`eres sensors` lists them), or a TOML file; it is compared with sensors of
+        larger pixels. Or several cameras, to compare them with each other.
+    pitch
+        Side of a pixel of the finest sensor, um, to go with a focal length without a camera.
+    widths
+        Widths to compare, px; by default 128, 240, 346, 640 and 1280, up to that of the camera.
+    """
+    from sensor.cameras import find_camera, plain_camera
+    from tasks.advice.advise import FOV_DEG, WIDTHS, View, fov_of, ladder, line_up
+    from tasks.advice.advise import advise as advise_of
+
+    cameras = [*map(find_camera, sensor)]
+    for one, other, both in (
+        ("fov", "focal-length", fov is not None and focal_length is not None),
+        ("sensor", "pitch", bool(cameras) and pitch is not None),
+    ):
+        if both:
+            raise TaskError(f"give --{one} or --{other}, not both")
+    if len(cameras) > 1 and (focal_length is not None or widths):
+        raise TaskError(
+            "several cameras are compared as they are in one field of view: give --fov, and "
+            "neither --focal-length nor --widths"
+        )
+    width = max(widths or WIDTHS)
+    chip = cameras[0] if cameras else replace(plain_camera(width), pitch_um=pitch)
+    full, _ = chip.size
+    if focal_length is not None:
+        fov = fov_of(full, chip.pitch_um, focal_length)
+    view = View(
+        speed=speed, distance=distance, fov=FOV_DEG if fov is None else fov, lux=lux, cutoff=cutoff
+    )
+    if len(cameras) > 1:
+        found = line_up(view, cameras)
+    else:
+        found = ladder(view, chip, widths or [*(w for w in WIDTHS if w < full), full])
+    advice = advise_of(view, found)
+    if as_json:
+        terminal.show_json(advice)
+        return
+    table = Table("sensor", "px/s", "Hz", "lag, px", "finer wins", "dB", "Mev/s", "bus", box=None)
+    for each in advice.sensors:
+        table.add_row(*_cells(each))
+    terminal.say(f"{speed:g} m/s at {distance:g} m, {view.fov:.3g} degrees")
+    terminal.show(table)
+    terminal.say("", *_words(advice), _NOTES)
+
+
+def _cells(sensor: Sensor) -> Iterator[str]:
+    """Yield the cells of a sensor."""
+    rates, bus = "-", "-"
+    if sensor.events_hz is not None:
+        rates = " to ".join(_short(1e-6 * one, 2) for one in sensor.events_hz)
+        if sensor.bus_hz < math.inf:
+            bus = f"{100 * sensor.events_hz[1] / sensor.bus_hz:.0f} %"
+    yield sensor.name
+    yield _short(sensor.speed_px_s)
+    yield ", ".join(dict.fromkeys(map(_short, sensor.cutoffs_hz)))
+    yield ", ".join(dict.fromkeys(f"{lag:.2f}" for lag in sensor.lags_px))
+    yield "-" if sensor.finer_won is None else f"{100 * sensor.finer_won:.0f} % of {sensor.cases}"
+    yield "-" if sensor.margin_db is None else f"{sensor.margin_db:+.2f}"
+    yield rates
+    yield bus
+
+
+def _short(value: float, digits: int = 3) -> str:
+    """Return a number with few digits, and without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):.15g}"
+
+
+def _words(advice: Advice) -> Iterator[str]:
+    """Yield what to choose, how sure that is, and where to see it."""
+    first, *others = advice.choices
+    share = "no stored case has nearly its lag"
+    if advice.right is not None:
+        share = f"the law is right in {100 * advice.right:.0f} % of stored cases near these lags"
+    yield f"choose {first.sensor}: {share}"
+    for one in others:
+        if one.sensor != first.sensor:
+            yield f"or {one.sensor}, if the cutoff is proportional to the area of a pixel"
+    index = [sensor.name for sensor in advice.sensors].index(first.sensor)
+    for coarser, finer in pairwise(advice.sensors[max(index - 1, 0) : index + 2]):
+        if NEAR_PX[0] <= finer.lags_px[0] <= NEAR_PX[1]:
+            yield f"{finer.name} is about as good as {coarser.name}, which has fewer events"
+    yield f"delay {_short(1e3 * first.delay_s)} ms, or {_short(1e3 * first.late_m)} mm of the way"
+    if case := advice.nearest:
+        yield (
+            f"nearest stored case: {case.run}, {case.scene}, {case.cutoff_hz:g} Hz, speed "
+            f"{_short(case.speed)}:\n  at a lag of {case.lag_px:.2f} px, {case.width} px are "
+            f"{case.margin_db:+.2f} dB better than {case.coarser} px"
+        )

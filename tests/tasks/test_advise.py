@@ -1,0 +1,170 @@
+"""`eres advise`: image speeds, lags, choices and event rates from a speed, a lens and a light."""
+
+import json
+import math
+
+import pytest
+
+from another_process import ROOT, run_python
+from sensor import find_camera
+from sensor.cameras import plain_camera
+from tasks.advice.advise import View, advise, fov_of, ladder, line_up
+from tasks.advice.stored import stored_cells, stored_windows
+from tasks.cli import main
+from tasks.errors import TaskError
+
+ASK = "--speed", "0.5", "--distance", "0.5"
+
+
+@pytest.fixture
+def eres(monkeypatch, capsys):
+    """Run `eres advise`; return exit code, stdout and stderr."""
+
+    def run(*options):
+        monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.setattr("sys.argv", ["eres", "advise", *options])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_image_speed_and_lag_by_hand():
+    """Physics: v = speed x f / (distance x pitch), and in proportion at other widths."""
+    speed, distance, focal_mm, pitch_um, cutoff_hz = 0.2, 0.236, 8.0, 4.86, 201.0
+    view = View(
+        speed=speed, distance=distance, fov=fov_of(1190, pitch_um, focal_mm), cutoff=cutoff_hz
+    )
+    coarse, fine = ladder(view, plain_camera(1190, 669), [1190, 595])
+    by_hand = speed * focal_mm * 1e-3 / (distance * pitch_um * 1e-6)
+    assert (coarse.name, fine.name) == ("595x334", "1190x669")
+    assert (fine.speed_px_s, coarse.speed_px_s) == pytest.approx((by_hand, by_hand / 2))
+    assert fine.lags_px == pytest.approx([by_hand / (math.pi * cutoff_hz)] * 2)
+    # A pixel of twice the side has four times the area: the same cutoff, or four times as much.
+    assert coarse.cutoffs_hz == pytest.approx((cutoff_hz, 4 * cutoff_hz))
+    assert coarse.lags_px == pytest.approx([fine.lags_px[0] / 2, fine.lags_px[0] / 8])
+
+
+def test_the_choice_is_the_last_width_that_wins():
+    """Promise: 1108 px/s at 1280 px and 300 Hz, a lag of 1.18 px, make 640 px the choice; the
+    other exponent has its own; the share is that of the step on whose other side the law ends."""
+    view = View(speed=0.5, distance=0.5, lux=100)
+    advice = advise(view, ladder(view, find_camera("gen4-cd"), [128, 240, 346, 640, 1280]))
+    finest = advice.sensors[-1]
+    assert finest.speed_px_s == pytest.approx(640 / math.tan(math.radians(30)))
+    assert finest.lags_px[0] == pytest.approx(1108.5 / (300 * math.pi), rel=1e-4)
+    ratio = 4.86**2 * 0.77 / (40**2 * 0.094)  # of the photodiodes, to that of the DVS128
+    assert finest.cutoffs_hz == pytest.approx((300, 300 * ratio))
+    assert [one.sensor for one in advice.choices] == ["640x360", "346x195"]
+    assert advice.choices[0].delay_s == pytest.approx(1 / (300 * math.pi))
+    assert advice.choices[0].late_m == pytest.approx(0.5 / (300 * math.pi))
+    assert advice.right == pytest.approx(min(1 - finest.finer_won, advice.sensors[3].finer_won))
+    assert (advice.nearest.width, advice.nearest.coarser) == (1280, 640)
+
+
+@pytest.mark.parametrize("index", [0, 40, 60])
+def test_a_stored_case_is_its_own_answer(index):
+    """Promise: asked for what a stored run has, it names that case, and its rate is in range."""
+    cell = stored_cells()[index]
+    fov, lag = 60.0, cell.lag_px
+    speed = lag * math.pi * cell.cutoff_hz * 2 * math.tan(math.radians(fov) / 2) / cell.width
+    view = View(speed=speed, distance=1.0, fov=fov, cutoff=cell.cutoff_hz)
+    advice = advise(view, ladder(view, plain_camera(cell.width), [cell.coarser, cell.width]))
+    assert advice.nearest == cell
+    finer = advice.sensors[1]
+    inside = [
+        window.events_per_px[window.widths.index(cell.width)] * finer.speed_px_s * cell.width**2
+        for window in stored_windows()
+        if (window.scene, window.cutoff_hz, window.speed)
+        == (cell.scene, cell.cutoff_hz, cell.speed)
+    ]
+    assert min(inside) < finer.events_hz[1]
+    assert max(inside) > finer.events_hz[0]
+
+
+def test_cameras_of_unknown_area_have_one_choice():
+    """Promise: a cutoff by area needs the area; without it only the other end is there."""
+    view = View(speed=0.2, distance=0.3, lux=300)
+    cameras = [find_camera(name) for name in ("gen4-cd", "dvxplorer", "davis346")]
+    advice = advise(view, line_up(view, cameras))
+    assert [one.name for one in advice.sensors] == ["davis346", "dvxplorer", "gen4-cd"]
+    assert [len(one.lags_px) for one in advice.sensors] == [2, 1, 2]
+    assert [one.area_exponent for one in advice.choices] == [0.0]
+
+
+def test_what_no_stored_run_has_is_not_made_up():
+    """Promise: far beyond the stored lags there is a choice, but neither a share nor a rate."""
+    view = View(speed=50.0, distance=0.5, cutoff=5.0)
+    advice = advise(view, ladder(view, plain_camera(1280), [640, 1280]))
+    assert advice.choices[0].sensor == "640x640"
+    assert advice.right is None
+    assert [(one.cases, one.events_hz) for one in advice.sensors] == [(0, None)] * 2
+
+
+def test_the_answer_fits_80_columns(eres):
+    """Promise: each sensor with its speed, lag and rate; the choice; 80 columns."""
+    code, out, _ = eres(*ASK, "--sensor", "gen4-cd", "--lux", "100")
+    assert code == 0
+    assert " 640x360   554   300, 145   0.59, 1.22  " in out
+    assert "choose 640x360: " in out
+    assert max(map(len, out.splitlines())) <= 80
+    assert out in (ROOT / "docs" / "what_decides.md").read_text()
+
+
+def test_json_has_the_same_numbers(eres):
+    """Promise: with --json, one object with sensors, choices and the nearest stored case."""
+    _, out, _ = eres(*ASK, "--cutoff", "300", "--widths", "640", "1280", "--json")
+    found = json.loads(out)
+    assert [one["width"] for one in found["sensors"]] == [640, 1280]
+    assert found["sensors"][1]["lags_px"] == pytest.approx([1.1762] * 2, rel=1e-4)
+    assert found["sensors"][1]["bus_hz"] == "inf"
+    assert [one["sensor"] for one in found["choices"]] == ["640x640", "640x640"]
+    assert {"run", "scene", "lag_px", "margin_db"} <= {*found["nearest"]}
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ((), "--lux or --cutoff"),
+        (("--lux", "100", "--cutoff", "3"), "--lux or --cutoff"),
+        (("--lux", "-1"), "--lux: found -1"),
+        (("--lux", "9", "--fov", "190"), "--fov: found 190"),
+        (("--lux", "9", "--fov", "60", "--focal-length", "8"), "--fov or --focal-length"),
+        (("--lux", "9", "--focal-length", "8"), "--pitch"),
+        (("--lux", "9", "--widths", "0"), "width: found 0"),
+        (("--lux", "9", "--sensor", "gen5"), "'gen5'"),
+        (("--lux", "9", "--sensor", "davis346", "--pitch", "9"), "--sensor or --pitch"),
+        (("--lux", "9", "--sensor", "davis346", "gen4-cd", "--widths", "9"), "--widths"),
+        (("--lux", "9", "--sensor", "gen3-cd", "dvxplorer"), "gen3-cd and dvxplorer"),
+    ],
+)
+def test_bad_input_is_one_line(eres, options, name):
+    """Promise: exit code 1, and a line that names the option."""
+    code, out, err = eres(*ASK, *options)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert err.startswith("error: ")
+    assert name in err
+
+
+def test_one_pole_is_refused():
+    """Promise: the law is about two poles; v2e's photoreceptor has one."""
+    camera = find_camera("v2e-noisy").on(346, 260)
+    with pytest.raises(TaskError, match="'v2e'"):
+        ladder(View(speed=1.0, distance=1.0, lux=100), camera, [346])
+
+
+def test_it_answers_at_once():
+    """Promise: in less than a second of CPU time, without what simulating and plotting load."""
+    code = (
+        "import atexit, sys, time; from tasks.cli import main; "
+        f"sys.argv = ['eres', 'advise', *{ASK}, '--lux', '100', '--sensor', 'gen4-cd']; "
+        "slow = 'numba', 'scipy', 'cv2', 'pyarrow'; "
+        "atexit.register(lambda: print(time.process_time(), {*slow} & {*sys.modules})); main()"
+    )
+    seconds, _, loaded = run_python(code).stdout.splitlines()[-1].partition(" ")
+    assert loaded == "set()"
+    assert float(seconds) < 1
