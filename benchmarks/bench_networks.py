@@ -1,4 +1,4 @@
-"""Measure time and memory of E2VID, FireNet, E-RAFT and our networks on this machine, with random weights.
+"""Measure time and memory of E2VID, FireNet, E-RAFT and our networks here, with random weights.
 
     python benchmarks/bench_networks.py                  all, at 128 to 1280 px
     python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
