@@ -1,4 +1,4 @@
-"""Measure time and memory of E2VID, E-RAFT and our networks on this machine, with random weights.
+"""Measure time and memory of E2VID, FireNet, E-RAFT and our networks here, with random weights.
 
     python benchmarks/bench_networks.py                  all, at 128 to 1280 px
     python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
@@ -20,7 +20,7 @@ from process_times import times_now
 from tasks.learned import cpu
 
 E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_conv": False}
-NETWORKS = ("e2vid", "our_reconstruction", "eraft", "our_flow")
+NETWORKS = ("e2vid", "firenet", "our_reconstruction", "eraft", "our_flow")
 WIDTHS = (128, 240, 346, 640, 1280)
 
 
@@ -29,9 +29,10 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     import torch
 
     from tasks.learned.e2vid import E2vidNetwork
-    from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
+    from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, FireNet
     from tasks.learned.eraft import ERaft
     from tasks.learned.eraft_network import ERAFT
+    from tasks.learned.firenet import FireNetNetwork
     from tasks.learned.training.reconstruction import Reconstruction
     from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
@@ -41,6 +42,8 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     rng = np.random.default_rng(0)
     if name == "e2vid":
         images = E2vidNetwork(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS)))
+    elif name == "firenet":
+        images = FireNetNetwork(FireNet(), name)
     elif name == "our_reconstruction":
         images = E2vidNetwork(Reconstruction(ReconstructionTraining(), "all", 0).network)
     else:

@@ -208,6 +208,7 @@ _extension = partial(_method, ours=True)
 _near = partial(_method, needs=_NEAR_C)
 _with_delay = partial(_near, version=3, ours=True, delay=True)
 _contrast = partial(_method, version=2, needs=())
+_e2vid = partial(_method, "e2vid:E2vid", needs=())
 _video_net = partial(
     _method, "our_reconstruction:OurReconstruction", version=2, cost=Cost(window_s=2.9)
 )
@@ -241,13 +242,14 @@ TASKS["video"] = TaskSpec(
             label="high-pass filter without event decay",
             cost=Cost(0.24),
         ),
-        "e2vid": _method(
-            "e2vid:E2vid",
-            label="E2VID",
-            version=2,
-            network="tasks.learned.e2vid:load",
-            needs=(),
-            cost=Cost(window_s=9.1),
+        "e2vid": _e2vid(
+            label="E2VID", version=2, network="tasks.learned.e2vid:load", cost=Cost(window_s=9.1)
+        ),
+        "firenet": _e2vid(
+            label="FireNet", network="tasks.learned.firenet:firenet", cost=Cost(window_s=6.0)
+        ),
+        "firenet_plus": _e2vid(
+            label="FireNet+", network="tasks.learned.firenet:firenet_plus", cost=Cost(window_s=6.0)
         ),
         "our_reconstruction_ideal_light": _video_net(
             label="our network, ideal light", network=f"{_OURS}:reconstruction_ideal_light"

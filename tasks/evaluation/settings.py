@@ -312,10 +312,10 @@ class Video(NetworkSettings):
     other_equalizations
         Further equalizations to score the same images with, each a variant of the task.
     e2vid_window_s
-        Length of the windows of E2VID, seconds of the path; None for windows near 0.025 s that
-        divide the time between images evenly.
+        Length of the windows of E2VID and FireNet, seconds of the path; None for windows near
+        0.025 s that divide the time between images evenly.
     e2vid_events_per_px
-        Number of events per pixel in a window of E2VID, instead of a length.
+        Number of events per pixel in such a window, instead of a length.
     """
 
     methods: tuple[str, ...] = ()
@@ -352,7 +352,7 @@ class Video(NetworkSettings):
         images_s = self.images * sum(cost.answer_s for cost in costs.values())
         windows_s = 0.0
         for method, cost in costs.items():
-            window_s = (method == "e2vid" and self.e2vid_window_s) or _WINDOW_S
+            window_s = (has_windows_of_e2vid(method) and self.e2vid_window_s) or _WINDOW_S
             windows_s += cost.window_s * self.duration_s / window_s
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
         return (images_s + windows_s) * share_of_1280(width, height) + pictures * _PICTURE_SCORE_S
@@ -360,6 +360,11 @@ class Video(NetworkSettings):
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
         return replace(self, methods=methods, run_in_s=0.0, duration_s=window_s, every_s=window_s)
+
+
+def has_windows_of_e2vid(method: str) -> bool:
+    """Return whether the settings of E2VID's windows are for a method of video: it and FireNet."""
+    return TASKS["video"].method(method).place == TASKS["video"].method("e2vid").place
 
 
 def settings_of(

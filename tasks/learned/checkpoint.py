@@ -8,7 +8,7 @@ import re
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -30,20 +30,39 @@ def write_checkpoint(file: Path, content: Mapping[str, Any]) -> None:
     write_bytes(file, data.getbuffer())
 
 
-def read_checkpoint(file: Path) -> Any:
+class _Inert:
+    """Stands for an object of another program: takes what a pickle gives it, and keeps nothing."""
+
+    def __new__(cls, *arguments: Any) -> Self:
+        return super().__new__(cls)
+
+    def __setstate__(self, state: Any) -> None:
+        pass
+
+
+def read_checkpoint(file: Path, left_out: Iterable[str] = ()) -> Any:
     """Read a file that `write_checkpoint` or `torch.save` wrote.
 
     Only tensors and plain values are read, since a pickle of other classes could run code.
+
+    Parameters
+    ----------
+    left_out
+        Other classes, "module.name", that the file may hold. Their objects are empty, and their
+        code is not even imported.
     """
+    classes = (name.rpartition(".") for name in left_out)
+    empty = [type(name, (_Inert,), {"__module__": module}) for module, _, name in classes]
     with reading(file, "a PyTorch checkpoint", WeightsError):
         _check_entries(file)
         try:
-            return torch.load(file, map_location="cpu", weights_only=True)
+            with torch.serialization.safe_globals(empty):
+                return torch.load(file, map_location="cpu", weights_only=True)
         except pickle.UnpicklingError as error:
-            if not (classes := re.findall(r"GLOBAL ([\w.]+)", str(error))):
+            if not (found := re.findall(r"GLOBAL ([\w.]+)", str(error))):
                 raise
             raise WeightsError(
-                f"{file}: found a pickle of {_listed(dict.fromkeys(classes))}, which could run "
+                f"{file}: found a pickle of {_listed(dict.fromkeys(found))}, which could run "
                 "code, expected tensors and plain values. If you trust the file, load it with the "
                 "program that wrote it, and save only its weights and options"
             ) from None

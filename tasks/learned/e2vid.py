@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from tasks.errors import WeightsError
@@ -25,11 +25,13 @@ _ROOT = "unetrecurrent."
 # 62 for a decoder that enlarges what it concatenates.
 _BYTES_PER_PX_AND_CHANNEL = 60
 _BYTES_OF_ENLARGED = 80
-_KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
+KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
 class E2vidNetwork:
     """E2VID with its weights."""
+
+    normalized = True
 
     def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
         self._network, self._name = network.eval(), name
@@ -73,7 +75,7 @@ class E2vidNetwork:
         options = self._network.options
         parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
         coarser = sum(2.0**-i for i in range(1, options.num_encoders + 1))  # 2^i channels, 4^-i px
-        per_px = 4 * parts * options.base_num_channels * coarser + _KEPT_BYTES_PER_PX
+        per_px = 4 * parts * options.base_num_channels * coarser + KEPT_BYTES_PER_PX
         return round(per_px * width * height)
 
     def image(
@@ -90,31 +92,39 @@ class E2vidNetwork:
         -------
         (height, width) intensity as on a display, in (0, 1), and the states for the next window.
         """
-        return cpu.run(self._image, grid, states)
-
-    def _image(
-        self, grid: NDArray[np.float32], states: Sequence[State] | None
-    ) -> tuple[NDArray[np.float32], Sequence[State]]:
-        height, width = grid.shape[1:]
-        inside = torch.from_numpy(grid)[None]
-        whole = reflected(inside, 2**self._network.options.num_encoders)
-        image, states = self._network(whole, states)
-        top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
-        return image[0, 0, top : top + height, left : left + width].float().numpy(), states
+        multiple = 2**self._network.options.num_encoders
+        return cpu.run(image_and_states, self._network, grid, states, multiple, "reflect")
 
 
-def reflected(grid: Tensor, multiple: int) -> Tensor:
-    """Pad by reflection to a multiple of a number, the larger half on the left and at the top.
+def image_and_states(
+    network: nn.Module,
+    grid: NDArray[np.float32],
+    states: Sequence[State] | None,
+    multiple: int,
+    mode: str,
+) -> tuple[NDArray[np.float32], Sequence[State]]:
+    """Return the image of a window, of a grid that is `padded`, and the states for the next."""
+    height, width = grid.shape[1:]
+    whole = padded(torch.from_numpy(grid)[None], multiple, mode)
+    image, states = network(whole, states)
+    top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
+    return image[0, 0, top : top + height, left : left + width].float().numpy(), states
+
+
+def padded(grid: Tensor, multiple: int, mode: str) -> Tensor:
+    """Pad to a multiple of a number, the larger half on the left and at the top.
 
     Parameters
     ----------
     grid
         (..., H, W).
+    mode
+        "reflect", or "constant" for zeros.
     """
     height, width = grid.shape[-2:]
     more = (-width % multiple, -height % multiple)
     sides = [side for total in more for side in ((total + 1) // 2, total // 2)]
-    return functional.pad(grid, sides, mode="reflect") if any(sides) else grid
+    return functional.pad(grid, sides, mode) if any(sides) else grid
 
 
 def load(file: Path) -> E2vidNetwork:

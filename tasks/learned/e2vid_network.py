@@ -1,7 +1,8 @@
-"""E2VID's network: a recurrent U-Net from voxel grids of events to images.
+"""Recurrent networks from voxel grids of events to images: E2VID, a U-Net, and FireNet.
 
 Rebecq, Ranftl, Koltun and Scaramuzza, "High Speed and High Dynamic Range Video with an Event
-Camera" (PAMI 2019). Names of modules are those of the published weights.
+Camera" (PAMI 2019); Scheerlinck, Rebecq, Gehrig, Barnes, Mahony and Scaramuzza, "Fast Image
+Reconstruction with an Event Camera" (WACV 2020). Names of modules are those of published weights.
 """
 
 from __future__ import annotations
@@ -78,6 +79,38 @@ class E2VIDRecurrent(nn.Module):
         """
         image, new = self.unetrecurrent(grid, states or [()] * self.options.num_encoders)
         return image, new
+
+
+class FireNet(nn.Module):
+    """FireNet: 5 bins, and 16 channels at full resolution; modules have FireNet+'s names."""
+
+    bins, channels, memories = 5, 16, 2
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.head = _Conv(self.bins, self.channels, 3, norm=None)
+        self.G1, self.R1 = _ConvGRU(self.channels), _ResidualBlock(self.channels, None)
+        self.G2, self.R2 = _ConvGRU(self.channels), _ResidualBlock(self.channels, None)
+        self.pred = _Conv(self.channels, 1, 1, norm=None)
+
+    def forward(
+        self, grid: Tensor, states: Sequence[State] | None = None
+    ) -> tuple[Tensor, list[State]]:
+        """Return the image of a window, and the states for the next.
+
+        Parameters
+        ----------
+        grid
+            (N, 5, H, W) voxel grids.
+
+        Returns
+        -------
+        (N, 1, H, W), about 0 to 1, and the two states.
+        """
+        first, second = states or [()] * self.memories
+        first = self.G1(functional.relu_(self.head(grid)), first)
+        second = self.G2(self.R1(*first), second)
+        return self.pred(self.R2(*second)), [first, second]
 
 
 class _UNetRecurrent(nn.Module):

@@ -1,8 +1,9 @@
-"""E2VID: images from the voxel grids of successive windows, by a recurrent network.
+"""E2VID and FireNet: images from the voxel grids of successive windows, by a recurrent network.
 
 Rebecq, Ranftl, Koltun and Scaramuzza, "High Speed and High Dynamic Range Video with an Event
 Camera" (PAMI 2019). The network's memory is all that lasts from one window to the next. Its image
-is intensity as on a display, without the original's unsharp mask.
+is intensity as on a display, without the original's unsharp mask. FireNet (Scheerlinck et al., WACV
+2020) is a smaller network, and FireNet+ (Stoffregen et al., ECCV 2020) the same with other weights.
 
 Windows last a fixed time, or hold a fixed number of events as in the original. With fixed times, an
 image ends the current window, so that it includes all events before it, but for those of less than
@@ -51,10 +52,13 @@ def even_window_us(step_us: float) -> float:
 
 
 class Network(Protocol):
-    """`tasks.learned.e2vid.E2vidNetwork`."""
+    """`tasks.learned.e2vid.E2vidNetwork` or `tasks.learned.firenet.FireNetNetwork`."""
 
     @property
     def bins(self) -> int: ...
+
+    @property
+    def normalized(self) -> bool: ...  # the voxel grids
 
     def image(self, grid: NDArray[np.float32], states: Any) -> tuple[NDArray[np.float32], Any]:
         """As `E2vidNetwork.image`."""
@@ -62,7 +66,7 @@ class Network(Protocol):
 
 
 class E2vid:
-    """E2VID on the events of one sensor.
+    """E2VID or FireNet on the events of one sensor.
 
     Parameters
     ----------
@@ -158,4 +162,4 @@ class E2vid:
 
     def _grid(self, events: Events) -> NDArray[np.float32]:
         """Return the network's input for the events of a window."""
-        return voxel_grid(events, self._network.bins, convention="e2vid")
+        return voxel_grid(events, self._network.bins, normalize=self._network.normalized)

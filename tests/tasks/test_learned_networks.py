@@ -209,7 +209,7 @@ def test_a_memory_by_bands_of_rows_is_that_of_all_rows_at_once(monkeypatch):
 def test_padding_is_that_of_the_published_code(width):
     """Promise: E2VID reflects on all sides, E-RAFT adds zeros on the left and at the top."""
     row = torch.arange(1.0, int(width) + 1).expand(1, 1, 8, -1)
-    whole = e2vid.reflected(row, 8)
+    whole = e2vid.padded(row, 8, "reflect")
     size, left, *_ = E2VID["crops"][width]
     assert whole.shape[-1] == size
     assert torch.equal(whole[..., left : left + int(width)], row)

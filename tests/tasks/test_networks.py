@@ -51,7 +51,7 @@ W, H, BINS = 12, 9, 5
 class Recorder:
     """Stands for a network: keeps the grids, and numbers the images."""
 
-    bins = BINS
+    bins, normalized = BINS, True
 
     def __init__(self):
         self.grids = []
@@ -188,7 +188,7 @@ def test_weights_are_named_or_for_the_only_network(tmp_path):
     found = named_weights(["runs/seed=3/a.pth"], ["e2vid"])
     assert found["e2vid"].endswith("/runs/seed=3/a.pth")
     for files, methods, words in (
-        (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or our_reconstruction"),
+        (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or firenet=a.pth or"),
         (["a.pth"], ["e2vid", "eraft"], "expected e2vid=a.pth or eraft=a.pth"),
         (["e2vid=a.pth"], ["high_pass_filter"], "'e2vid': is not among the methods"),
         (["e2vd=a.pth"], ["e2vid"], "'e2vd': did you mean 'e2vid'"),

@@ -10,7 +10,7 @@ import numpy as np
 from sensor import Events
 from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.evaluation.scorers.base import Score
-from tasks.evaluation.settings import Video
+from tasks.evaluation.settings import Video, has_windows_of_e2vid
 from tasks.evaluation.source import Source
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
@@ -48,7 +48,7 @@ class VideoScorer:
         if not method.network or self._images.step_us is None:
             return {}
         window_us = even_window_us(self._images.step_us)
-        if name != "e2vid":
+        if not has_windows_of_e2vid(name):
             return {"window_us": window_us / self._source.speed}
         if self._task.e2vid_window_s is not None:
             window_us = 1e6 * self._task.e2vid_window_s

@@ -32,9 +32,9 @@ _claim = partial(SceneClaim, series=EVENT_INTEGRATION)
 _times = partial(Number, unit="times", decimals=1, sign="")
 _DAY_MARGINS = [margin(1280, 640, DAY, speed) for speed in SPEEDS]
 _UPSAMPLINGS = tuple({"method": f"event_integration_{name}"} for name in ("bilinear", "nearest"))
-# Our networks, and the truth delayed or filtered as by the photoreceptor.
-_OURS = "our_reconstruction_ideal_light", "our_reconstruction_all_light"
-_OTHER_VIDEO = tuple({"method": name} for name in (*_OURS, "late_truth", "filtered_truth"))
+# Other networks, and the truth delayed or filtered as by the photoreceptor.
+_NETWORKS = "firenet", "firenet_plus", *(f"our_reconstruction_{x}_light" for x in ("ideal", "all"))
+_OTHER_VIDEO = tuple({"method": name} for name in (*_NETWORKS, "late_truth", "filtered_truth"))
 ONE_VIDEO = (
     "The samples come from one video, so they are not independent and the intervals are too narrow."
 )
