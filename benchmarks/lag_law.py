@@ -69,11 +69,10 @@ def print_shares(groups: dict[str, list[Case]]) -> None:
             for at in CROSSINGS_PX
         ]
         first = name, len(cases), share(case.is_right for case in cases), len(far)
-        lines.append((*first, share(case.is_right for case in far), *others))
-    table(
-        ("", "cases", "right", near, "right there", *(f"at {one} px" for one in CROSSINGS_PX)),
-        lines,
-    )
+        cells = *first, share(case.is_right for case in far), *others
+        lines.append([str(cell).removesuffix(" %") for cell in cells])
+    crossings = (f"at {one} px" for one in CROSSINGS_PX)
+    table(("", "cases", "right, %", near, "right there, %", *crossings), lines)
 
 
 def print_margins(cases: list[Case]) -> None:

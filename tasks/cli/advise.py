@@ -149,6 +149,6 @@ def _words(advice: Advice) -> Iterator[str]:
     if case := advice.nearest:
         yield (
             f"nearest stored case: {case.run}, {case.scene}, {case.cutoff_hz:g} Hz, speed "
-            f"{_short(case.speed)}:\n  at a lag of {case.lag_px:.2f} px, {case.width} px are "
-            f"{case.margin_db:+.2f} dB better than {case.coarser} px"
+            f"{_short(case.speed)}:\n  at a lag of {case.lag_px:.2f} px, {case.width} px have "
+            f"{case.margin_db:+.2f} dB over {case.coarser} px"
         )
