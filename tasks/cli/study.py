@@ -122,7 +122,8 @@ def study(
         "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
         two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
-        "ablations": what the paper leaves open, on 6 samples of each scene.
+        "chip": one chip divided into 128 to 1280 px, with cutoffs that grow with a pixel's area to
+        three powers. "ablations": what the paper leaves open, on 6 samples of each scene.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights

@@ -14,7 +14,7 @@ from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from eres_render.sequence.sequence import Rendered
-from sensor import Events, stream_bank
+from sensor import Events, SensorModel, stream_bank
 from sensor.readout import Sender
 from tasks.ahead import made_ahead
 from tasks.evaluation.reference import ReferenceFrames
@@ -63,7 +63,10 @@ def evaluate(
     """
     at_start = replace(sequence.rendered)
     reference = ReferenceFrames(sequence, truth)
-    sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
+    names: dict[Setting, list[str]] = {}  # of sensors that differ in nothing else
+    for setting in settings:
+        names.setdefault(replace(setting, name=""), []).append(setting.name)
+    sensors = [_Sensor(reference, setting, own, tasks, watch) for setting, own in names.items()]
     stopwatch = Stopwatch()
     before_s = sequence.rendered.seconds
     with ThreadPoolExecutor(cores()) as workers:
@@ -72,24 +75,26 @@ def evaluate(
         stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
         with stopwatch("scoring"):
             scored = _score(sensors, workers, on_progress)
-    rows = [sensor.row(task, score) for sensor, task, score in scored]
+    rows = [row for sensor, task, score in scored for row in sensor.rows(task, score)]
     rendered = sequence.rendered.since(at_start)
     timings = _timings(sequence, sensors, scored, stopwatch.seconds, rendered)
     return Evaluation(rows, timings, reference)
 
 
 class _Sensor:
-    """One sensor with its bus, its scorers and its number of events."""
+    """One sensor, under one name or several, with its bus, its scorers and its number of events."""
 
     def __init__(
         self,
         reference: ReferenceFrames,
         setting: Setting,
+        names: Sequence[str],
         tasks: Mapping[str, TaskSettings],
         watch: Watch | None,
     ) -> None:
-        self.setting = setting
-        self.source = RenderedClip(reference, setting)
+        self.setting = replace(setting, name=names[0])
+        self._names = names
+        self.source = RenderedClip(reference, self.setting)
         self.fired = 0
         self._in_window = 0
         self._dropped = 0  # of the events in the window
@@ -122,7 +127,8 @@ class _Sensor:
         for scorer in self._scorers.values():
             scorer.push(events)
         if self._watch:
-            self._watch(self.setting, events)
+            for name in self._names:
+                self._watch(replace(self.setting, name=name), events)
 
     def scores(self) -> list[tuple[str, Score]]:
         """Return the scores of all tasks, each with its task, after the last event."""
@@ -132,11 +138,12 @@ class _Sensor:
             (task, score) for task, scorer in self._scorers.items() for score in scorer.scores()
         ]
 
-    def row(self, task: str, score: Score) -> Row:
-        """Return a score as a row."""
+    def rows(self, task: str, score: Score) -> list[Row]:
+        """Return a score as a row of each name."""
         rate_hz = self._in_window / self.source.window.seconds
         dropped = self._dropped / self._in_window if self._dropped else 0.0
-        return row_of(task, self.source, score, rate_hz, dropped)
+        row = row_of(task, self.source, score, rate_hz, dropped)
+        return [replace(row, sensor=name) for name in self._names]
 
 
 _Scored = tuple[_Sensor, str, Score]
@@ -158,16 +165,21 @@ def _collect(
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
-    starts_s = [sensor.setting.t_start_s for sensor in sensors]
+    pixels: dict[tuple[SensorModel, float, float], list[_Sensor]] = {}  # buses may differ
+    for sensor in sensors:
+        of = sensor.setting
+        pixels.setdefault((of.model, of.speed, of.t_start_s), []).append(sensor)
+    models, speeds, starts_s = zip(*pixels, strict=True)
     after = np.searchsorted(sequence.t_s, starts_s, side="right")
+    on = [*pixels.values()]
     source, count = iter(sequence), len(sequence)
     # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
     with made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD) as ahead:
         events_of_all = stream_bank(
             frames(ahead),
             sequence.t_s,
-            [sensor.setting.model for sensor in sensors],
-            speeds=[sensor.setting.speed for sensor in sensors],
+            models,
+            speeds=speeds,
             starts=np.maximum(after - 1, 0).tolist(),  # the frame at or before it
         )
         pushes: list[Future[None]] = []
@@ -177,7 +189,7 @@ def _collect(
                     push.result()  # raises an error of its sensor
             # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
-            pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
+            pushes = [workers.submit(sensor.push, batch[i]) for i in order for sensor in on[i]]
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:

@@ -5,14 +5,44 @@ from __future__ import annotations
 import math
 
 from eres_render.errors import suggestion
+from sensor.cameras import EventCamera
 from tasks.errors import StudyError
-from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
+from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.results.paper_slider import PAPER_SIGMA_MM
 from tasks.study.results.slider import FIELD_PX, PRINTS
+from tasks.study.sensors import AREA
 from tasks.study.settings import Render, Simulate, Study
 
 SLIDER_LUX = (300.0, 67.0, 17.0)
 """Illuminance of the prints in the preset "slider", lux; the paper does not state its own."""
+
+CHIP_UM = 1280 * 4.86
+"""Width of the chip in the preset "chip", um: that of a Gen4."""
+
+CHIP_LUX = (math.inf, 200 / 3, 50 / 3)
+"""Illuminance in it, lux: its pixels of 640 px have cutoffs of 200 and 50 Hz."""
+
+
+def _designs() -> tuple[EventCamera, ...]:
+    """Return sensors that fill one chip: cutoffs grow with the pixel's area to a power."""
+    day_hz, day_lux = 200.0, CHIP_LUX[1]
+    buses = {"": math.inf, ", 165 Mev/s": 165e6}
+    return tuple(
+        EventCamera(
+            name=f"{width} px {AREA}{power:g}{bus}",
+            width=width,
+            height=width,
+            pitch_um=CHIP_UM / width,
+            cutoff_hz=day_hz * (640 / width) ** (2 * power),
+            illuminance_lux=day_lux,
+            leak_hz=0.1,
+            bus_hz=bus_hz,
+        )
+        for bus, bus_hz in buses.items()
+        for power in (0.0, 0.5, 1.0)
+        for width in (128, 240, 346, 640, 1280)
+    )
+
 
 _FLOW = "photometric_flow", "photometric_flow_with_delay", "contrast_maximization", "initial_flow"
 _TRACKING = "photometric_tracking", "photometric_tracking_with_delay", "initial_path"
@@ -74,6 +104,23 @@ PRESETS = {
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
             ),
             video=Video(methods=_VIDEO, duration_s=1.2, run_in_s=0.6, every_s=0.03),
+        ),
+    ),
+    # One chip behind one lens, divided into fewer or more pixels.
+    "chip": Study(
+        name="chip",
+        question="Into how many pixels should a chip be divided?",
+        scenes=("carpet", "rocks", "room"),
+        render=Render(samples=10),
+        simulate=Simulate(
+            widths=(), sensors=_designs(), illuminance_lux=CHIP_LUX, speeds=(1.0, 2.0)
+        ),
+        evaluate=Evaluate(
+            reconstruction=Reconstruction(),
+            flow=Flow(methods=("photometric_flow", "contrast_maximization", "initial_flow")),
+            dense_flow=DenseFlow(methods=()),
+            tracking=Tracking(methods=()),
+            video=Video(methods=()),
         ),
     ),
     # Choices that the paper leaves open or makes differently; claims print their numbers as well.

@@ -52,6 +52,15 @@ STUDIES |= {
     "small alone": replace(PLAIN, widths=(), sensors=CAMERAS[1:]),
     "one width": replace(PLAIN, sensors=CAMERAS),
 }
+# They share the pixels of "small": one by another name, one on a bus.
+SHARING = (
+    replace(CAMERAS[1], name="twin"),
+    replace(CAMERAS[1], name="late", bus_hz=5e4, fifo=50),
+)
+STUDIES |= {
+    "late alone": replace(PLAIN, widths=(), sensors=SHARING[1:]),
+    "one kind of pixel": replace(PLAIN, widths=(), sensors=(CAMERAS[1], *SHARING)),
+}
 
 
 def rows_of(simulate, samples=1):
@@ -101,6 +110,19 @@ def test_sensors_of_one_width_are_scored_with_their_own_frames(studies):
     assert nothing["dark"] != nothing["small"] == nothing[""]
     flow = [row for row in beside.values() if row.method == "photometric_flow"]
     assert len({row.value for row in flow if not row.failure}) >= 6
+
+
+def test_sensors_that_share_their_pixels_have_their_own_rows(studies):
+    """Promise: a sensor beside its equal, or beside one that differs in its bus alone, has the rows
+    that it has alone, to the bit; its equal has them too, under its own name."""
+    beside = studies["one kind of pixel"]
+    for name in ("small", "late"):
+        alone = studies[f"{name} alone"]
+        assert {key: beside.get(key) for key in alone} == alone
+    twins = [replace(row, sensor="small") for row in beside.values() if row.sensor == "twin"]
+    assert twins == [row for row in beside.values() if row.sensor == "small"]
+    assert len(beside) == 3 * ROWS
+    assert {row.dropped > 0.1 for row in studies["late alone"].values()} == {True}
 
 
 def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):

@@ -17,7 +17,7 @@ def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -
     lines = []
     for each in series:
         power_of = {sensor: _power(sensor) for sensor in scores.sensors(each)}
-        powers = sorted({*power_of.values()} - {""}, key=float)
+        powers = [power for power in dict.fromkeys(power_of.values()) if power]
         if len(powers) < 2:
             continue
         without = {p: [s for s, own in power_of.items() if own not in ("", p)] for p in powers}
