@@ -67,6 +67,12 @@ class Row:
     bus_mev_s: float = math.inf  # capacity of the bus, million events per second; inf = no bus
     dropped: float = 0.0  # share of the window's events that the bus lost
     t_us: int = 0  # end of a recording's window, or time of its image; 0 on rendered clips
+    simulator: str = "exact"  # or the name of an emulation, such as "v2e-A, 1 px"
+
+    @property
+    def reading(self) -> str:
+        """What the pixels were simulated as: the photoreceptor, or the emulation's name."""
+        return self.photoreceptor if self.simulator == "exact" else self.simulator
 
     def __post_init__(self) -> None:
         # One comparison for the usual row: a run has a million.
@@ -84,7 +90,10 @@ class Row:
 
 _ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}
 _COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
-_NEW = "photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us"
+_NEW = (
+    *("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us"),
+    "simulator",
+)
 _LATER = {field.name: field.default for field in fields(Row) if field.name in _NEW}
 """Columns that older files lack, with their defaults."""
 

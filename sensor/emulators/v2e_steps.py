@@ -11,9 +11,8 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,29 +115,16 @@ def v2e(
     >>> events.t_us.tolist(), events.p.tolist()
     ([10000, 13333, 16667, 20000, 32500, 35000, 37500, 40000], [1, 1, 1, 1, -1, -1, -1, -1])
     """
-    off = contrast_threshold if contrast_threshold_off is None else contrast_threshold_off
-    for name, value, least in (
-        ("contrast_threshold", contrast_threshold, _LEAST_THRESHOLD),
-        ("contrast_threshold_off", off, _LEAST_THRESHOLD),
-        ("cutoff_hz", cutoff_hz, math.ulp(0.0)),
-        ("threshold_mismatch", threshold_mismatch, 0),
-        ("leak_hz", leak_hz, 0),
-        ("shot_noise_hz", shot_noise_hz, 0),
-        ("refractory_s", refractory_s, 0),
-    ):
-        if not value >= least or (math.isinf(value) and name != "cutoff_hz"):
-            raise refusal(name, value, f"a finite number, {least:.2g} or more")
-    if version not in get_args(Version):
-        raise refusal("version", version, "'A', 'B' or 'C'")
-    pixels = _Pixels(
-        thresholds=(contrast_threshold, off),
+    pixels = V2ePixels(
+        contrast_threshold=contrast_threshold,
+        contrast_threshold_off=contrast_threshold_off,
         cutoff_hz=cutoff_hz,
         version=version,
         threshold_mismatch=threshold_mismatch,
         leak_hz=leak_hz,
         shot_noise_hz=shot_noise_hz,
         refractory_s=refractory_s,
-        rng=np.random.default_rng(seed),
+        seed=seed,
     )
     times_s = np.asarray(t_s, np.float64)
     if times_s.ndim != 1 or not (times_s.size and np.all(np.diff(times_s, prepend=-1.0) > 0)):
@@ -149,87 +135,208 @@ def v2e(
     for k, frame in enumerate(frames, start=1):
         if k > len(times_s):
             break
-        parts.append(pixels.see(np.asarray(frame), float(times_s[k - 1]), k - 1))
+        parts.append(pixels.push(frame, float(times_s[k - 1])))
     if k != len(times_s):
         raise SensorError(f"t_s: found {len(times_s)} times for {k} frames or more")
-    if pixels.smallest_share == 1 and math.isfinite(cutoff_hz) and k > 1:
-        _log.warning(
-            "v2e: each step of the filter is clamped at 1, so no pixel has any lag; at %g Hz, "
-            "frames must be less than %.2g s apart",
-            cutoff_hz,
-            1 / (2 * math.pi * cutoff_hz),
-        )
+    pixels.warn_if_clamped()
     return concatenate(parts)
 
 
-@dataclass(slots=True, kw_only=True)
-class _Pixels:
-    """Pixels of v2e, with the arguments of `v2e`; arrays are (H, W)."""
+class V2eFrame(NamedTuple):
+    """A frame as v2e sees it, whose logarithm sensors of one size can share.
 
-    thresholds: tuple[float, float]
-    cutoff_hz: float
-    version: Version
-    threshold_mismatch: float
-    leak_hz: float
-    shot_noise_hz: float
-    refractory_s: float
-    rng: np.random.Generator
-    smallest_share: float = 1.0
-    _previous_s: float = 0.0
-    _memory: Array | None = None
-    _poles: tuple[Array, Array] = field(init=False)
-    _C: tuple[Array, Array] = field(init=False)  # to divide by
-    _steps: tuple[Array, Array] = field(init=False)  # of the memory
-    _fired_s: NDArray[np.float32] = field(init=False)
-    _leaks_hz: Array | float = field(init=False)
+    Parameters
+    ----------
+    light
+        (H, W) float64 intensities, 255 for white.
+    logs
+        (H, W) float64 their logarithms, linear in the dark, rounded as by the program.
+    """
 
-    def see(self, frame: Array, now_s: float, k: int) -> Events:
-        """Return the events between the frame before and this one, none for the first."""
-        light = _checked(frame, k, None if self._memory is None else self._memory.shape)
-        logs = _logarithm(light, self.version == "C")
+    light: NDArray[np.float64]
+    logs: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, frame: ArrayLike) -> V2eFrame:
+        """Return an image as such a frame.
+
+        Parameters
+        ----------
+        frame
+            (H, W) as in `v2e`.
+
+        Returns
+        -------
+        V2eFrame
+
+        Raises
+        ------
+        SensorError
+            It is not an image of real numbers of at least 0.
+        """
+        image = np.asarray(frame)
+        if image.ndim != 2 or image.size == 0 or max(image.shape) > _MOST_PX:
+            raise SensorError(f"found shape {image.shape}, expected (height, width)")
+        if image.dtype.kind not in "uif":
+            raise SensorError(f"found {image.dtype}, expected real numbers from 0 to 255")
+        light = image.astype(np.float64)
+        if not (light.min() >= 0 and light.max() < math.inf):
+            raise SensorError("found a pixel that is not a finite number, 0 or more")
+        dark = light * (math.log(_JOINT) / _JOINT)
+        logs = np.where(light <= _JOINT, dark, np.log(np.maximum(light, _JOINT)))
+        return cls(light, np.round(logs * 10.0**_DIGITS) / 10.0**_DIGITS)
+
+
+class V2ePixels:
+    """The pixels of v2e, which see one frame after another.
+
+    Parameters
+    ----------
+    contrast_threshold, contrast_threshold_off, cutoff_hz, version, threshold_mismatch, leak_hz, \
+shot_noise_hz, refractory_s, seed
+        As in `v2e`.
+
+    Raises
+    ------
+    SensorError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from sensor.emulators import V2ePixels
+    >>> pixels = V2ePixels(contrast_threshold=0.2)
+    >>> [pixels.push([[light]], 0.01 * k).t_us.tolist() for k, light in enumerate((100, 130, 250))]
+    [[], [10000], [13333, 16667, 20000]]
+    """
+
+    def __init__(
+        self,
+        *,
+        contrast_threshold: float = 0.2,
+        contrast_threshold_off: float | None = None,
+        cutoff_hz: float = math.inf,
+        version: Version = "C",
+        threshold_mismatch: float = 0.0,
+        leak_hz: float = 0.0,
+        shot_noise_hz: float = 0.0,
+        refractory_s: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        off = contrast_threshold if contrast_threshold_off is None else contrast_threshold_off
+        for name, value, least in (
+            ("contrast_threshold", contrast_threshold, _LEAST_THRESHOLD),
+            ("contrast_threshold_off", off, _LEAST_THRESHOLD),
+            ("cutoff_hz", cutoff_hz, math.ulp(0.0)),
+            ("threshold_mismatch", threshold_mismatch, 0),
+            ("leak_hz", leak_hz, 0),
+            ("shot_noise_hz", shot_noise_hz, 0),
+            ("refractory_s", refractory_s, 0),
+        ):
+            if not value >= least or (math.isinf(value) and name != "cutoff_hz"):
+                raise refusal(name, value, f"a finite number, {least:.2g} or more")
+        if version not in get_args(Version):
+            raise refusal("version", version, "'A', 'B' or 'C'")
+        self._thresholds = contrast_threshold, off
+        self._cutoff_hz, self._version = cutoff_hz, version
+        self._threshold_mismatch, self._leak_hz = threshold_mismatch, leak_hz
+        self._shot_noise_hz, self._refractory_s = shot_noise_hz, refractory_s
+        self._rng = np.random.default_rng(seed)
+        self._smallest_share = math.inf  # of the input in a step of the filter
+        self._memory: Array | None = None
+        self._frames = 0
+
+    def push(self, frame: ArrayLike | V2eFrame, t_s: float) -> Events:
+        """Return the events between the frame before and this one, none for the first.
+
+        Parameters
+        ----------
+        frame
+            (H, W) as in `v2e`.
+        t_s
+            Its time, seconds.
+
+        Returns
+        -------
+        Events
+
+        Raises
+        ------
+        SensorError
+            The frame differs in size from the first, or is not one of real numbers of at least 0.
+        """
+        self._frames += 1
+        try:
+            seen = frame if isinstance(frame, V2eFrame) else V2eFrame.of(frame)
+            if self._memory is not None and self._memory.shape != seen.logs.shape:
+                was = self._memory.shape
+                raise SensorError(f"found shape {seen.logs.shape}, expected {was} as before")
+        except SensorError as error:
+            raise SensorError(f"frame {self._frames - 1}: {error}") from None
+        height, width = seen.light.shape
+        logs = seen.logs.astype(np.float32) if self._version == "C" else seen.logs
         if self._memory is None:
             self._start(logs)
             made = Columns.room(0)
-            self._previous_s = 0.0 if self.version == "C" else now_s
+            self._previous_s = 0.0 if self._version == "C" else t_s
         else:
-            made = self._between(light, logs, now_s, self._memory)
-            self._previous_s = now_s
-        return Events(*made, width=light.shape[1], height=light.shape[0])
+            made = self._between(seen.light, logs, t_s, self._memory)
+            self._previous_s = t_s
+        return Events(*made, width=width, height=height)
+
+    def warn_if_clamped(self) -> bool:
+        """Warn if each step of the filter so far was clamped, which leaves no filter.
+
+        Returns
+        -------
+        bool
+            Whether it warned.
+        """
+        clamped = self._smallest_share == 1 and math.isfinite(self._cutoff_hz)
+        if clamped:
+            _log.warning(
+                "v2e: each step of the filter is clamped at 1, so no pixel has any lag; at %g Hz, "
+                "frames must be less than %.2g s apart",
+                self._cutoff_hz,
+                1 / (2 * math.pi * self._cutoff_hz),
+            )
+        return clamped
 
     def _start(self, logs: Array) -> None:
         """Set the state at the first frame; only version C without a filter is in 32 bits."""
-        is_c, shape, draw = self.version == "C", logs.shape, self.rng.standard_normal
-        kind = np.float32 if is_c and math.isinf(self.cutoff_hz) else np.float64
-        on, off = (np.full(shape, C) for C in self.thresholds)
-        if self.threshold_mismatch:
-            on, off = (C + self.threshold_mismatch * draw(shape) for C in (on, off))
+        is_c, shape, draw = self._version == "C", logs.shape, self._rng.standard_normal
+        kind = np.float32 if is_c and math.isinf(self._cutoff_hz) else np.float64
+        on, off = (np.full(shape, C) for C in self._thresholds)
+        if self._threshold_mismatch:
+            on, off = (C + self._threshold_mismatch * draw(shape) for C in (on, off))
             on, off = (np.maximum(C, _LEAST_THRESHOLD).astype(np.float32) for C in (on, off))
         step_kind = np.float32 if is_c else np.float64
-        self._C = on.astype(kind), off.astype(kind)
+        self._C: tuple[Array, Array] = on.astype(kind), off.astype(kind)
         self._steps = on.astype(step_kind), off.astype(step_kind)
         self._poles = logs.astype(kind), logs.astype(kind)
         self._memory = logs.astype(kind)
         self._fired_s = np.full(shape, -np.inf, np.float32)
-        self._leaks_hz = self.leak_hz * 10.0 ** (_SPREAD * draw(shape)) if self.leak_hz else 0.0
+        self._leaks_hz: Any = 0.0
+        if self._leak_hz:
+            self._leaks_hz = self._leak_hz * 10.0 ** (_SPREAD * draw(shape))
 
     def _between(self, light: Array, logs: Array, end_s: float, memory: Array) -> Columns:
         """Return the events of an interval, and change the memory."""
-        is_c, two_poles = self.version == "C", self.version == "A"
+        is_c, two_poles = self._version == "C", self._version == "A"
         interval_s, (on, off) = end_s - self._previous_s, self._C
-        rate = 2 * math.pi * self.cutoff_hz * interval_s
+        rate = 2 * math.pi * self._cutoff_hz * interval_s
         share = _filter(light, logs, rate, two_poles, *self._poles)
-        self.smallest_share = min(self.smallest_share, share)
+        self._smallest_share = min(self._smallest_share, share)
         level = self._poles[1 if two_poles else 0]
-        if self.leak_hz:
-            jitter = 1 - _SPREAD * self.rng.standard_normal(logs.shape)
+        if self._leak_hz:
+            jitter = 1 - _SPREAD * self._rng.standard_normal(logs.shape)
             memory -= (interval_s * self._leaks_hz * jitter * on).astype(np.float32)
         noise = self._shot_noise(light, interval_s)
         counts = np.empty(logs.shape, np.int32)
         most = max(1, _count(level, memory, on, off, counts))
         slots_s = _slots_s(self._previous_s, end_s, most, is_c)
         slots_us = np.rint(1e6 * slots_s.astype(np.float64)).astype(np.int64)
-        acts = self.refractory_s > interval_s / most
-        dead_s = np.float32(self.refractory_s if acts else 0.0)
+        acts = self._refractory_s > interval_s / most
+        dead_s = np.float32(self._refractory_s if acts else 0.0)
         made = Columns.room(int(np.abs(counts).sum()) + int(np.count_nonzero(noise)))
         size = _emit(
             level, memory, *self._steps, counts, noise, slots_s, slots_us, dead_s, self._fired_s,
@@ -240,35 +347,14 @@ class _Pixels:
     def _shot_noise(self, light: NDArray[np.float64], interval_s: float) -> NDArray[np.int8]:
         """Return the polarity of the noise event of each pixel, 0 for none."""
         noise = np.zeros(light.shape, np.int8)
-        if self.shot_noise_hz:
+        if self._shot_noise_hz:
             by_light = 1 - _OF_WHITE * (light + _JOINT) / _WHITE
-            chance = 0.5 * self.shot_noise_hz * interval_s * by_light
-            on, off = (C / own for C, own in zip(self.thresholds, self._C, strict=True))
-            drawn = self.rng.random(light.shape)
+            chance = 0.5 * self._shot_noise_hz * interval_s * by_light
+            on, off = (C / own for C, own in zip(self._thresholds, self._C, strict=True))
+            drawn = self._rng.random(light.shape)
             noise[drawn < chance * off] = -1
             noise[drawn > 1 - chance * on] = 1
         return noise
-
-
-def _checked(frame: Array, k: int, shape: tuple[int, ...] | None) -> NDArray[np.float64]:
-    if frame.ndim != 2 or frame.size == 0 or max(frame.shape) > _MOST_PX:
-        raise SensorError(f"frame {k}: found shape {frame.shape}, expected (height, width)")
-    if shape is not None and frame.shape != shape:
-        raise SensorError(f"frame {k}: found shape {frame.shape}, expected {shape} as before")
-    if frame.dtype.kind not in "uif":
-        raise SensorError(f"frame {k}: found {frame.dtype}, expected real numbers from 0 to 255")
-    light = frame.astype(np.float64)
-    if not (light.min() >= 0 and light.max() < math.inf):
-        raise SensorError(f"frame {k}: found a pixel that is not a finite number, 0 or more")
-    return light
-
-
-def _logarithm(light: NDArray[np.float64], is_c: bool) -> Array:
-    """Return v2e's logarithm, linear in the dark, as the versions round it."""
-    dark = light * (math.log(_JOINT) / _JOINT)
-    logs = np.where(light <= _JOINT, dark, np.log(np.maximum(light, _JOINT)))
-    logs = np.round(logs * 10.0**_DIGITS) / 10.0**_DIGITS
-    return logs.astype(np.float32) if is_c else logs
 
 
 def _slots_s(start_s: float, end_s: float, count: int, is_c: bool) -> NDArray[np.float32]:

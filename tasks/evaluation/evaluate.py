@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -14,9 +15,11 @@ from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from eres_render.sequence.sequence import Rendered
-from sensor import Events, SensorModel, stream_bank
+from sensor import Events, stream_bank
+from sensor.emulators import V2eFrame
 from sensor.readout import Sender
 from tasks.ahead import made_ahead
+from tasks.evaluation.emulated import EmulatedPixels
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
@@ -158,28 +161,44 @@ def _collect(
 ) -> None:
     """Simulate all sensors; push their events while the next ones are simulated."""
 
+    pixels: dict[Setting, list[_Sensor]] = {}  # buses may differ
+    for sensor in sensors:
+        pixels.setdefault(replace(sensor.setting, name="", readout=None), []).append(sensor)
+    exact = [setting for setting in pixels if setting.emulation is None]
+    programs = {
+        EmulatedPixels(setting, sequence.t_s, sequence.window_s): on
+        for setting, on in pixels.items()
+        if setting.emulation is not None
+    }
+
+    def emulate(k: int, frame: NDArray[np.float32]) -> None:
+        """Show a frame to the programs that see it."""
+        seen: dict[tuple[float, ...], V2eFrame] = {}
+        tasks = [(one, one.seen(frame, seen), on) for one, on in programs.items() if one.sees[k]]
+        for _ in workers.map(lambda task: _push(task[0].push(k, task[1]), task[2]), tasks):
+            pass  # raises an error of its sensor
+
     def frames(ahead: Iterator[NDArray[np.float32]]) -> Iterator[NDArray[np.float32]]:
         for k in range(len(sequence)):
             with stopwatch("waiting"):
                 frame = next(ahead)
+            emulate(k, frame)
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
-    pixels: dict[tuple[SensorModel, float, float], list[_Sensor]] = {}  # buses may differ
-    for sensor in sensors:
-        of = sensor.setting
-        pixels.setdefault((of.model, of.speed, of.t_start_s), []).append(sensor)
-    models, speeds, starts_s = zip(*pixels, strict=True)
-    after = np.searchsorted(sequence.t_s, starts_s, side="right")
-    on = [*pixels.values()]
+    after = np.searchsorted(sequence.t_s, [one.t_start_s for one in exact], side="right")
     source, count = iter(sequence), len(sequence)
     # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
     with made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD) as ahead:
+        if not exact:
+            deque(frames(ahead), maxlen=0)
+            any(one.warn_if_clamped() for one in programs)
+            return
         events_of_all = stream_bank(
             frames(ahead),
             sequence.t_s,
-            models,
-            speeds=speeds,
+            [setting.model for setting in exact],
+            speeds=[setting.speed for setting in exact],
             starts=np.maximum(after - 1, 0).tolist(),  # the frame at or before it
         )
         pushes: list[Future[None]] = []
@@ -189,7 +208,13 @@ def _collect(
                     push.result()  # raises an error of its sensor
             # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
-            pushes = [workers.submit(sensor.push, batch[i]) for i in order for sensor in on[i]]
+            pushes = [workers.submit(_push, batch[i], pixels[exact[i]]) for i in order]
+    any(one.warn_if_clamped() for one in programs)
+
+
+def _push(events: Events, sensors: Iterable[_Sensor]) -> None:
+    for sensor in sensors:
+        sensor.push(events)
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:

@@ -142,6 +142,7 @@ class RenderedClip(Source):
             "sensor": setting.name,
             "illuminance_lux": setting.illuminance_lux,
             "speed_m_s": setting.speed_m_s,
+            "simulator": setting.emulation.name if setting.emulation else "exact",
             "bus_mev_s": math.inf if readout is None else readout.max_rate_hz / 1e6,
         }
 

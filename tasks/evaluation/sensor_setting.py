@@ -2,10 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 from sensor import Readout, SensorModel
 from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from sensor.emulators.v2e_steps import Version
+
+
+class Emulation(NamedTuple):
+    """v2e's program in place of exact pixels.
+
+    Parameters
+    ----------
+    version
+        As for `sensor.emulators.v2e`.
+    every
+        It sees every so many frames, counted from the start of the window; at its end it sees one.
+    white
+        Radiance that is 255 to it.
+    name
+        As `simulator` in `Row`.
+    """
+
+    version: Version
+    every: int
+    white: float
+    name: str
+
+    def of(self, model: SensorModel) -> SensorModel:
+        """Return a sensor with v2e's pole, which follows the light."""
+        reference = None if math.isinf(model.cutoff_hz) else self.white
+        return replace(model, photoreceptor="v2e", cutoff_reference=reference)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +66,8 @@ class Setting:
     t_start_s
         When the pixels start, s of the path: with the last frame at or before it, or else with the
         first of all.
+    emulation
+        What simulates the model's pixels; None for the exact engine.
 
     Raises
     ------
@@ -53,6 +86,7 @@ class Setting:
     distance: float = 1.0
     scale: float = 1.0
     t_start_s: float = 0.0
+    emulation: Emulation | None = None
 
     def __post_init__(self) -> None:
         if self.end_us <= self.start_us:

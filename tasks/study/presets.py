@@ -80,6 +80,25 @@ PRESETS = {
             video=Video(methods=_VIDEO, scenes=("carpet",)),
         ),
     ),
+    # With the program that the paper used, whose steps and time stamps are not a pixel's.
+    "paper-v2e": Study(
+        name="paper-v2e",
+        question="What does v2e's program decide?",
+        scenes=("carpet", "rocks", "room"),
+        render=Render(samples=10),
+        simulate=Simulate(simulators=("v2e-A", "v2e"), frame_steps_px=(0.5, 1.0, 2.0)),
+        evaluate=Evaluate(
+            flow=Flow(
+                methods=("photometric_flow", "contrast_maximization", "initial_flow"),
+                native_patch=True,
+                fast_methods=("contrast_maximization", "initial_flow"),
+                fast_scenes=("carpet",),
+            ),
+            dense_flow=DenseFlow(methods=()),
+            tracking=Tracking(methods=()),
+            video=Video(methods=("high_pass_filter", "blank"), scenes=("carpet",), duration_s=1.2),
+        ),
+    ),
     "slider": Study(
         name="slider",
         question="Does a camera on a slider need its full resolution?",

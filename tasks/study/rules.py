@@ -82,6 +82,7 @@ def _check_lists(study: Study) -> None:
     simulate, tracking = study.simulate, study.evaluate["tracking"]
     names = ["illuminance_lux", "speeds_m_s"]  # before the fields that follow from them
     names += ["area_exponents", "cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"]
+    names += ["simulators", "frame_steps_px"]
     if simulate.widths or not simulate.sensors:
         names.append("widths")
     lists: list[tuple[str, tuple[Any, ...] | None]] = [("scenes", study.scenes)]
@@ -107,6 +108,21 @@ def _check_needs(study: Study) -> None:
     for name, needed in (("area_exponents", "illuminance_lux"), ("distance_m", "speeds_m_s")):
         if getattr(simulate, name) is not None and getattr(simulate, needed) is None:
             raise StudyError(f"simulate.{name}: needs simulate.{needed}")
+    programs = [name for name in simulate.simulators if name != "exact"]
+    if simulate.frame_steps_px is not None and not programs:
+        raise StudyError("simulate.frame_steps_px: needs 'v2e' in simulate.simulators")
+    if programs and len(simulate.photoreceptors) > 1:
+        raise StudyError(
+            f"simulate.photoreceptors: found {len(simulate.photoreceptors)}, expected one beside "
+            f"{programs[0]!r}, which has its own"
+        )
+    for step_px in simulate.frame_steps_px or ():
+        times = step_px / study.render.max_displacement_px
+        if abs(times - max(round(times), 1)) > 1e-9:
+            raise StudyError(
+                f"simulate.frame_steps_px: found {step_px:g} px, expected a multiple of "
+                f"{study.render.max_displacement_px:g} px, render.max_displacement_px"
+            )
     if simulate.distance_m is not None and simulate.same_lens:
         raise StudyError(
             "simulate.distance_m: cannot be combined with simulate.same_lens, which sets a "
@@ -170,8 +186,10 @@ def _check_tasks(study: Study) -> None:
                 "also in simulate.speeds, for all methods; choose another speed"
             )
         oracles = [n for n in planned.methods if TASKS[task].method(n).role == "diagnostic"]
-        models = study.simulate.models(study.render) if oracles else ()
-        if unlike := next(filter(None, (unlike_two_poles(model) for *_, model in models)), None):
+        models = [model for *_, model in study.simulate.models(study.render) if oracles]
+        programs = filter(None, study.simulate.emulations(study.render) if oracles else ())
+        models += [program.of(models[0]) for program in programs]
+        if unlike := next(filter(None, map(unlike_two_poles, models)), None):
             raise StudyError(
                 f"evaluate.{task}.methods: {oracles[0]!r} assumes two poles with one cutoff, but a "
                 f"sensor has {unlike}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
@@ -16,6 +16,7 @@ from sensor.levels import DARK_SHARE
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
+from tasks.evaluation.sensor_setting import Emulation
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
 from tasks.study.sensors import AREA, StudyLight, light_at, own_of
@@ -23,12 +24,13 @@ from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
     from sensor import Readout
+    from sensor.emulators.v2e_steps import Version
 
 # Fields that study.json has only if they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s", "sensors", "area_exponents", "illuminance_lux"),
-    *("speeds_m_s", "distance_m", "bus_mev_s", "trajectories"),
+    *("speeds_m_s", "distance_m", "bus_mev_s", "trajectories", "frame_steps_px"),
 )
 
 
@@ -92,6 +94,9 @@ class Render:
         return columns.stop - columns.start, rows.stop - rows.start
 
 
+Simulator = Literal["exact", "v2e", "v2e-A", "v2e-B"]
+_VERSIONS: dict[Simulator, Version] = {"v2e": "C", "v2e-A": "A", "v2e-B": "B"}
+
 _ANY = Render()  # for what depends on no height of plain sensors
 
 
@@ -118,6 +123,12 @@ class Simulate:
     photoreceptors
         Each is "two_pole", "one_pole" or "v2e" (v2e's limit for small steps), see
         `sensor.SensorModel`. "two_pole" becomes the first, which the report shows in full.
+    simulators
+        Each is "exact", or v2e's program as `sensor.emulators.v2e`, which has a photoreceptor of
+        its own: "v2e" for its version C, "v2e-A" or "v2e-B".
+    frame_steps_px
+        Image motion between the frames that v2e sees, px of the rendered frames: multiples of
+        `render.max_displacement_px`, of which it sees every so many. None for every frame.
     sensors
         Cameras, each with a name, in addition to the widths. Their own values override
         `contrast_thresholds`, `photoreceptors`, `dark_fraction`, `warmup_time_constants` and
@@ -162,6 +173,8 @@ class Simulate:
     bus_mev_s: float | None = None
     same_lens: bool | None = None
     warm_up_s: float = field(default=WARM_UP_S, metadata=MAY_BE_ZERO)
+    simulators: tuple[Simulator, ...] = ("exact",)
+    frame_steps_px: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         use_python_numbers(self)
@@ -253,7 +266,9 @@ class Simulate:
             if camera.name
         ]
         # The clip and the cameras hold the warm-up and the exponents.
-        elsewhere = "warm_up_s", "area_exponents", "photoreceptors", "sensors"
+        elsewhere = ["warm_up_s", "area_exponents", "photoreceptors", "sensors"]
+        if self.simulators == ("exact",):
+            elsewhere += ["simulators", "frame_steps_px"]
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in elsewhere}
         if self.photoreceptors != ("two_pole",):
             first, *others = self.photoreceptors
@@ -291,12 +306,29 @@ class Simulate:
                             pixels = replace(pixels, contrast_threshold=C)
                         yield camera, light, light.on(pixels, white)
 
+    def emulations(self, render: Render, white: float = 1.0) -> list[Emulation | None]:
+        """Return what simulates each sensor's pixels; None for the exact engine."""
+        steps_px = self.frame_steps_px or (render.max_displacement_px,)
+        programs: list[Emulation | None] = [None] if "exact" in self.simulators else []
+        for simulator in self.simulators:
+            if version := _VERSIONS.get(simulator):
+                programs += [
+                    Emulation(
+                        version=version,
+                        every=round(step_px / render.max_displacement_px),
+                        white=white,
+                        name=f"v2e-{version}-{step_px:g}px",
+                    )
+                    for step_px in steps_px
+                ]
+        return programs
+
     def first(self, render: Render) -> Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
         size = min((camera.size for camera in self.all_cameras(render)), key=math.prod)
         named = tuple(camera for camera in self.cameras if camera.size == size)[:1]
-        lists = ["cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"]
-        lists += ["illuminance_lux", "speeds_m_s"]
+        lists = ["cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors", "simulators"]
+        lists += ["illuminance_lux", "speeds_m_s", "frame_steps_px"]
         firsts: dict[str, Any] = {
             name: values[:1] for name in lists if (values := getattr(self, name)) is not None
         }

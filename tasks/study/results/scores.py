@@ -35,7 +35,7 @@ def by_photoreceptor(
 
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
     """
-    groups = _divided(rows, lambda row: row.photoreceptor)
+    groups = _divided(rows, lambda row: row.reading)
     return {
         name: by_threshold(groups[name], square=square, trainings=trainings, photoreceptor=name)
         for name in sorted(groups, key=lambda name: name != "two_pole")
@@ -123,7 +123,7 @@ class Scores:
         self._trainings = trainings
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = contrast_threshold or first.contrast_threshold
-        self.photoreceptor = photoreceptor or first.photoreceptor
+        self.photoreceptor = photoreceptor or first.reading
         of_each = {(row.width, row.sensor): row for row in rows}  # plain tuples are faster
         self.contrast_thresholds = {sensor_of(r): r.contrast_threshold for r in of_each.values()}
         on_bus = [row for row in rows if row.bus_mev_s < math.inf]

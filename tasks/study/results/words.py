@@ -58,9 +58,9 @@ def distances_label(distances_m: Mapping[str, float]) -> str:
 
 
 def photoreceptor_label(photoreceptor: str) -> str:
-    """Name a photoreceptor in words."""
+    """Name a photoreceptor, or the emulation in its place, in words."""
     words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}
-    return words[photoreceptor]
+    return words.get(photoreceptor, photoreceptor)
 
 
 def rate_label(event_rate_hz: float | None) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from eres_render.trajectory.frame_times import plane_image_motion
+from tasks.evaluation.sensor_setting import Setting
 from tasks.registry import TASKS
 from tasks.study.run.frame_cache import limit_bytes
 from tasks.study.run.jobs import Job
@@ -27,6 +28,7 @@ _RENDER_NS_ON_PLANE = (17, 3.4)
 _RENDER_NS_WITH_DEPTH = (70, 5.2)
 # One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
 _SIMULATE_NS_PER_PX = {"two_pole": 8.5, "one_pole": 8.5, "v2e": 27}
+_EMULATE_NS_PER_PX = 25  # one core, per pixel and frame that it sees
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,18 +100,26 @@ def estimate_job(job: Job) -> JobEstimate:
     ns_px, ns_sample = _RENDER_NS_WITH_DEPTH if job.scene.plane is None else _RENDER_NS_ON_PLANE
     render_s = 1e-9 * frames * px * (ns_px + ns_sample * render.spp)
     frames_s, samples_s = render_s, 0.0
-    speeds = len(job.simulate.speeds)
-    for _, _, model in job.simulate.models(render):
-        kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
-        pixel_frames = speeds * frames * model.width * model.height
-        frames_s += 1e-9 * pixel_frames * _SIMULATE_NS_PER_PX[kind]
-        for task, settings in job.evaluate.items():
-            score_s = speeds * settings.score_s(model.width, model.height)
+    # Sensors that differ in their name alone share their scores, and beside their bus their pixels.
+    settings = job.settings(1.0)
+    for setting in dict.fromkeys(replace(one, name="", readout=None) for one in settings):
+        frames_s += 1e-9 * frames * setting.model.width * setting.model.height * _ns_per_px(setting)
+    for setting in dict.fromkeys(replace(one, name="") for one in settings):
+        for task, of_task in job.evaluate.items():
+            score_s = of_task.score_s(setting.model.width, setting.model.height)
             if TASKS[task].sample is None:  # events are pushed to its methods
                 frames_s += score_s
             else:
                 samples_s += score_s
     return JobEstimate(frames, frames * px * _DISK_BYTES_PER_PX, frames_s, samples_s, render_s)
+
+
+def _ns_per_px(setting: Setting) -> float:
+    """Return the core time of simulating a pixel of a sensor in a frame, ns."""
+    if setting.emulation:
+        return _EMULATE_NS_PER_PX / setting.emulation.every
+    ideal = math.isinf(setting.model.cutoff_hz)
+    return _SIMULATE_NS_PER_PX["two_pole" if ideal else setting.model.photoreceptor]
 
 
 def _frames(job: Job) -> int:

@@ -85,9 +85,10 @@ class Job:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
+        emulations = sensors.emulations(self.render, white_level)
         return [
             Setting(
-                model,
+                model if emulation is None else emulation.of(model),
                 speed,
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
@@ -104,8 +105,10 @@ class Job:
                     needed_s(model.cutoff_hz, speed, sensors.warm_up_s, camera.warm_up)
                     - sensors.warm_up_s
                 ),
+                emulation=emulation,
             )
             for camera, light, model in sensors.models(self.render, white_level)
+            for emulation in emulations
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
 
