@@ -41,10 +41,10 @@ class EmulatedPixels:
             refractory_s=model.refractory_s,
         )
         first = max(int(np.searchsorted(t_s, setting.t_start_s, side="right")) - 1, 0)
+        self.sees = _seen(emulation, first, np.searchsorted(t_s, window_s).tolist(), len(t_s))
         self._t_s = t_s / setting.speed
-        self._first_s = float(self._t_s[first])
+        self._first_s = float(self._t_s[self.sees][0])  # the program's 0: version C forgets others
         self._previous_us = 0
-        self.sees = seen_frames(emulation, first, np.searchsorted(t_s, window_s).tolist(), len(t_s))
         self.warn_if_clamped = self._pixels.warn_if_clamped
 
     def seen(
@@ -71,9 +71,7 @@ class EmulatedPixels:
         return Events(t_us, events.x, events.y, events.p, width=events.width, height=events.height)
 
 
-def seen_frames(
-    emulation: Emulation, first: int, window: Sequence[int], count: int
-) -> NDArray[np.bool_]:
+def _seen(emulation: Emulation, first: int, window: Sequence[int], count: int) -> NDArray[np.bool_]:
     """Return for each frame whether the program sees it: the first and the last of the window, and
     those at its steps from them."""
     start, end = window

@@ -267,8 +267,8 @@ class Simulate:
         ]
         # The clip and the cameras hold the warm-up and the exponents.
         elsewhere = ["warm_up_s", "area_exponents", "photoreceptors", "sensors"]
-        if self.simulators == ("exact",):
-            elsewhere += ["simulators", "frame_steps_px"]
+        later = {"simulators": ("exact",), "frame_steps_px": None}
+        elsewhere += [name for name, default in later.items() if getattr(self, name) == default]
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in elsewhere}
         if self.photoreceptors != ("two_pole",):
             first, *others = self.photoreceptors

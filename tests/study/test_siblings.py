@@ -3,11 +3,14 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from eres_render import load_scene, render_scene
 from eres_render.progress import silent
 from sensor import EventCamera
+from sensor.emulators import v2e
+from sensor.optics import integrate
 from small_study import only
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.events.simulation import SimulationOptions, simulate_sequence
@@ -51,6 +54,13 @@ STUDIES |= {
     "dark alone": replace(PLAIN, widths=(), sensors=CAMERAS[:1]),
     "small alone": replace(PLAIN, widths=(), sensors=CAMERAS[1:]),
     "one width": replace(PLAIN, sensors=CAMERAS),
+}
+# v2e's program beside exact pixels, at two frame steps, and alone.
+PROGRAMS = {"simulators": ("exact", "v2e-A", "v2e"), "frame_steps_px": (1.0, 0.5)}
+ONE_PROGRAM = {"simulators": ("v2e",), "frame_steps_px": (1.0,)}
+STUDIES |= {
+    "programs": replace(ALONE, cutoffs_hz=(10.0, 200.0), **PROGRAMS),
+    "program alone": replace(ALONE, cutoffs_hz=(10.0,), **ONE_PROGRAM),
 }
 # They share the pixels of "small": one by another name, one on a bus.
 SHARING = (
@@ -123,6 +133,38 @@ def test_sensors_that_share_their_pixels_have_their_own_rows(studies):
     assert twins == [row for row in beside.values() if row.sensor == "small"]
     assert len(beside) == 3 * ROWS
     assert {row.dropped > 0.1 for row in studies["late alone"].values()} == {True}
+
+
+def test_a_program_has_its_own_rows_and_leaves_those_of_exact_pixels(studies):
+    """Promise: to the bit, beside exact pixels, another version and another frame step."""
+    beside = studies["programs"]
+    for name in ("day alone", "program alone"):
+        alone = studies[name]
+        assert {key: beside.get(key) for key in alone} == alone
+    assert len(beside) == 2 * 5 * ROWS
+    assert {row.reading for row in studies["program alone"].values()} == {"v2e-C-1px"}
+    rates = {r.reading: r.event_rate_hz for r in beside.values() if r.cutoff_hz == 10.0}
+    assert len({*rates.values()}) == len(rates) == 5
+
+
+def test_a_study_counts_the_events_of_the_program(studies, tmp_path):
+    """Promise: those of `sensor.emulators.v2e` on every second frame, on a scale of 255 for white,
+    with the time of a frame in the interval before it."""
+    render = {"resolution": 64, "spp": 1, "samples": 1}
+    (clip,) = render_scene(load_scene("carpet"), tmp_path, warm_up_s=0.2, **render)
+    start, end = np.searchsorted(clip.t_s, clip.window_s)
+    before_s = 6 / (2 * math.pi * 10)
+    first = np.searchsorted(clip.t_s, clip.window_s[0] - before_s, side="right") - 1
+    seen = [*reversed(range(start, first - 1, -2)), *range(start + 2, end, 2), end]
+    light = [255 / clip.white_level * integrate(clip.frame(k), 32, 32) for k in seen]
+    t_s = clip.t_s[seen] - clip.t_s[seen[0]]
+    events = v2e(light, t_s, contrast_threshold=0.2, cutoff_hz=10.0)
+    after, last = (round(1e6 * (clip.t_s[k] - clip.t_s[seen[0]])) for k in (start, end))
+    count = np.sum((events.t_us > after) & (events.t_us <= last))
+    rows = studies["program alone"].values()
+    (rate,) = {row.event_rate_hz for row in rows if row.task == "reconstruction"}
+    assert count > 100
+    assert rate == pytest.approx(count / RENDER.window_s)
 
 
 def test_evaluate_gives_the_numbers_of_a_study(studies, tmp_path):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sensor.model import PHOTORECEPTORS
 from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
@@ -36,7 +37,8 @@ class Lead:
 
 
 def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
-    """Return the leads of a series in every light but the ideal, where photoreceptors are equal."""
+    """Return the leads of a series in every light but the ideal, where photoreceptors are equal;
+    with v2e's program, whose times are its own, in that too."""
     first = next(iter(readings.values()))
     sensors = first.sensors(series)
     coarser = [sensor for sensor in sensors if sensor.width < sensors[-1].width]
@@ -47,7 +49,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     conditions = dict.fromkeys(at[:1] + at[2:4] for at in first.conditions(series))
     every = []
     for scene, cutoff_hz, speed in conditions:
-        if math.isinf(cutoff_hz):
+        if math.isinf(cutoff_hz) and readings.keys() <= {*PHOTORECEPTORS}:
             continue
         places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in pair]
         intervals: dict[str, Interval | None] = {}
