@@ -123,7 +123,8 @@ def study(
         two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
         "chip": one chip divided into 128 to 1280 px, with cutoffs that grow with a pixel's area to
-        three powers. "ablations": what the paper leaves open, on 6 samples of each scene.
+        three powers. "paper-v2e": v2e's program on the frames of "paper" at three frame steps, 10
+        samples; about three hours. "ablations": what the paper leaves open, on 6 samples of each scene.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights
@@ -194,7 +195,7 @@ def _show_scores(run: FinishedRun) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.words import join_words, photoreceptor_label, share_text
+    from tasks.study.results.words import join_words, lost_text, photoreceptor_label
 
     terminal.say(*run.assumes)
     scores, *further = run.found
@@ -203,9 +204,8 @@ def _show_scores(run: FinishedRun) -> None:
     if any(len(scores.speeds(series)) > 1 for series in scores.series()):
         terminal.say("other speeds are in the report and in tables.csv")
     if scores.dropped:
-        shares = sorted(scores.dropped.items())
-        lost = [f"{sensor.label} {share_text(share)}" for sensor, share in shares]
-        terminal.say(f"largest share of a window's events that the bus lost: {', '.join(lost)}")
+        lost = lost_text(scores.dropped)
+        terminal.say(f"largest share of a window's events that the bus lost: {lost}")
     terminal.say(*run.exponents)
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])

@@ -307,7 +307,20 @@ class Simulate:
                         yield camera, light, light.on(pixels, white)
 
     def emulations(self, render: Render, white: float = 1.0) -> list[Emulation | None]:
-        """Return what simulates each sensor's pixels; None for the exact engine."""
+        """Return what simulates each sensor's pixels.
+
+        Parameters
+        ----------
+        render
+            Frames, of which programs see every so many.
+        white
+            Radiance of white in them.
+
+        Returns
+        -------
+        list
+            None for the exact engine.
+        """
         steps_px = self.frame_steps_px or (render.max_displacement_px,)
         programs: list[Emulation | None] = [None] if "exact" in self.simulators else []
         for simulator in self.simulators:

@@ -84,9 +84,9 @@ def test_the_choice_may_hang_on_the_exponent_of_the_area() -> None:
         for i in range(9)
     ]
     (line,) = exponents_text(Scores(rows), [EI], {"carpet": 1.0})
-    assert "exponents 0 and 1 of" in line
+    assert "with area^0; area^1," in line
     assert "the same in 1 of 2 conditions" in line
-    assert line.endswith("carpet, night, 1 m/s: c at 0 and a at 1.")
+    assert line.endswith("carpet, night, 1 m/s: c with area^0 and a with area^1.")
     assert exponents_text(Scores([one for one in rows if one.sensor == "c"]), [EI], {}) == []
 
 

@@ -1,4 +1,4 @@
-"""Whether the choice of a sensor hangs on the exponent of the area in a cutoff that is lent."""
+"""Designs that differ in the exponent of the area in a cutoff: does the choice hang on it?"""
 
 from __future__ import annotations
 
@@ -11,38 +11,53 @@ from tasks.study.results.scores import Scores
 from tasks.study.results.words import BaseSpeeds, cutoff_label, join_words, speed_label
 from tasks.study.sensors import AREA
 
+_MOST_TOLD = 6  # conditions in which the choices differ
+
+
+def designs_of(sensors: Iterable[SensorId]) -> dict[str, list[SensorId]]:
+    """Return for each design, such as "area^0.5", the sensors of the others; a sensor without an
+    exponent in its name is in all. Empty if there are fewer than two."""
+    design = {sensor: sensor.name.partition(f" {AREA}")[2] for sensor in sensors}
+    names = sorted({*design.values()} - {""})
+    if len(names) < 2:
+        return {}
+    return {
+        AREA + name: [sensor for sensor, own in design.items() if own not in ("", name)]
+        for name in names
+    }
+
+
+def width_in_design(sensor: SensorId) -> str:
+    """Return the name of a sensor without its design, or its width."""
+    return str(sensor).partition(f" {AREA}")[0]
+
 
 def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -> list[str]:
-    """Say for each series in how many conditions the choice is the same at all exponents."""
+    """Say for each series in how many conditions the choice is the same for all designs."""
     lines = []
     for each in series:
-        power_of = {sensor: _power(sensor) for sensor in scores.sensors(each)}
-        powers = [power for power in dict.fromkeys(power_of.values()) if power]
-        if len(powers) < 2:
+        designs = designs_of(scores.sensors(each))
+        if not designs:
             continue
-        without = {p: [s for s, own in power_of.items() if own not in ("", p)] for p in powers}
-        at = {power: choose_all(scores, each, others) for power, others in without.items()}
-        names_at = {where: [_name(at[power][where]) for power in powers] for where in at[powers[0]]}
+        at = {name: choose_all(scores, each, others) for name, others in designs.items()}
+        first = next(iter(at.values()))
+        names_at = {where: [_name(chosen[where]) for chosen in at.values()] for where in first}
         differing = {where: names for where, names in names_at.items() if len({*names}) > 1}
         text = (
-            f"{each.title}: at exponents {join_words(powers)} of the photodiode's area, the choice "
-            f"is the same in {len(names_at) - len(differing)} of {len(names_at)} conditions"
+            f"{each.title}: with {'; '.join(designs)}, the choice is the same in "
+            f"{len(names_at) - len(differing)} of {len(names_at)} conditions"
         )
+        if len(differing) > _MOST_TOLD:
+            lines.append(f"{text}; the report shows all.")
+            continue
         for (scene, cutoff_hz, speed), names in differing.items():
-            chosen = [f"{name} at {power}" for name, power in zip(names, powers, strict=True)]
+            chosen = [f"{name} with {design}" for name, design in zip(names, at, strict=True)]
             place = f"{scene}, {cutoff_label(cutoff_hz)}, {speed_label(scene, speed, base)}"
             text += f"; {place}: {join_words(chosen)}"
         lines.append(f"{text}.")
     return lines
 
 
-def _power(sensor: SensorId) -> str:
-    """Return the exponent in the name of a sensor; "" if it has none."""
-    return sensor.name.partition(f" {AREA}")[2]
-
-
 def _name(choice: Choice | None) -> str:
-    """Return the chosen sensor without its exponent."""
-    if choice is None or not choice.worthwhile:
-        return "none"
-    return choice.enough.label.partition(f" {AREA}")[0]
+    """Return the chosen sensor without its design."""
+    return "none" if choice is None or not choice.worthwhile else width_in_design(choice.enough)

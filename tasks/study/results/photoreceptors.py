@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sensor.model import PHOTORECEPTORS
 from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId
 from tasks.study.results.cells import Condition
@@ -47,9 +46,10 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     pair = sensors[-1], coarser[-1]
     sign = TASKS[series.task].metric.sign
     conditions = dict.fromkeys(at[:1] + at[2:4] for at in first.conditions(series))
+    programs = any(name.startswith("v2e-") for name in readings)
     every = []
     for scene, cutoff_hz, speed in conditions:
-        if math.isinf(cutoff_hz) and readings.keys() <= {*PHOTORECEPTORS}:
+        if math.isinf(cutoff_hz) and not programs:
             continue
         places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in pair]
         intervals: dict[str, Interval | None] = {}

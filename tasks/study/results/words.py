@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
-from tasks.study.results.asked import CutoffInLux, MetersPerSecond
+from tasks.study.results.asked import CutoffInLux, MetersPerSecond, SensorId
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ
 
 MISSING = "–"
@@ -91,3 +92,34 @@ def join_words(words: Sequence[str], last: str = "and") -> str:
 def capitalized(text: str) -> str:
     """Return a text with its first letter in upper case."""
     return text[:1].upper() + text[1:]
+
+
+def lost_text(dropped: Mapping[SensorId, float]) -> str:
+    """List the share of events that each sensor's bus lost; of many, those with a loss alone."""
+    lost = {one: share for one, share in sorted(dropped.items()) if share >= 0.005}
+    listed = lost if len(dropped) > _MOST_LISTED else dict(sorted(dropped.items()))
+    texts = [f"{sensor.label} {share_text(share)}" for sensor, share in listed.items()]
+    if len(listed) < len(dropped):
+        others = f"the other {len(dropped) - len(listed)}" if listed else "all"
+        texts.append(f"{others} less than 0.5\u202f%")
+    return ", ".join(texts)
+
+
+def buses_text(buses_hz: Mapping[SensorId, float], own_hz: Mapping[SensorId, float]) -> str:
+    """List the bus of each sensor, and say which have none of their own; of many, count them."""
+    note = " (none of its own; that of a real camera)"
+    if len(buses_hz) <= _MOST_LISTED:
+        return ", ".join(
+            f"{sensor.label} {hz / 1e6:g} Mev/s{'' if sensor in own_hz else note}"
+            for sensor, hz in buses_hz.items()
+        )
+    counts = Counter(own_hz.values())
+    texts = [f"{hz / 1e6:g} Mev/s for {count} sensors" for hz, count in sorted(counts.items())]
+    without = {sensor: hz for sensor, hz in buses_hz.items() if sensor not in own_hz}
+    if without:
+        usual = max(without.values()) / 1e6
+        texts.append(f"{usual:g} Mev/s, that of a real camera, for {len(without)} that have none")
+    return ", ".join(texts)
+
+
+_MOST_LISTED = 8

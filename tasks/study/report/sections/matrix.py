@@ -13,6 +13,7 @@ from tasks.study.report.table import Text, cutoff_text
 from tasks.study.results.asked import SensorId
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import choose
+from tasks.study.results.exponents import designs_of, width_in_design
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Scores
@@ -88,13 +89,14 @@ def matrix(run: FinishedRun) -> dict[str, object]:
     blocks = {}
     for scene in run.scenes:
         rows = {
-            Text(capitalized(TASKS[series.task].title), TASKS[series.task].label(series.method)): [
-                _answer(run, series, (scene, hz, speed), widths)
+            row: [
+                _answer(run, series, (scene, hz, speed), widths, others)
                 for hz in cutoffs_hz
                 for speed in speeds
             ]
             for series in main
             if {*speeds} & {*scores.speeds(series, scene)}
+            for row, others in _rows(scores, series)
         }
         blocks[scene] = Block([speed_label(scene, v, run.base_speeds) for v in speeds], rows)
     metrics = dict.fromkeys(TASKS[series.task].metric for series in main)
@@ -110,6 +112,14 @@ def matrix(run: FinishedRun) -> dict[str, object]:
     }
 
 
+def _rows(scores: Scores, series: Series) -> list[tuple[Text, list[SensorId]]]:
+    """Return the head of each row of a series, one for each design, and the sensors left out."""
+    label, designs = TASKS[series.task].label(series.method), designs_of(scores.sensors(series))
+    if not designs:
+        return [(Text(capitalized(TASKS[series.task].title), label), [])]
+    return [(Text(capitalized(label), name), others) for name, others in designs.items()]
+
+
 def _has_baseline(scores: Scores, series: Series) -> bool:
     """Return whether doing nothing was scored under any condition of a series."""
     idle = (scores.baseline(series, where) for where in scores.conditions(series))
@@ -117,11 +127,15 @@ def _has_baseline(scores: Scores, series: Series) -> bool:
 
 
 def _answer(
-    run: FinishedRun, series: Series, at: tuple[str, float, float], widths: Sequence[int]
+    run: FinishedRun,
+    series: Series,
+    at: tuple[str, float, float],
+    widths: Sequence[int],
+    others: Sequence[SensorId],
 ) -> Answer:
     scene, cutoff_hz, speed = at
     where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
-    choice = choose(run.scores, series, *at)
+    choice = choose(run.scores, series, *at, others)
     if choice is None:
         asked = any((c.scene, c.cutoff_hz, c.speed) == at for c in run.scores.conditions(series))
         missing = Shown(MISSING, "samples are missing" if asked else "not in this study")
@@ -133,7 +147,7 @@ def _answer(
         of_bus = "<1" if share < 0.01 else round(100 * share)
         fineness = round(100 * widths.index(sensor.width) / max(len(widths) - 1, 1))
         facts = f"{rate_label(rates_hz[sensor])} · {of_bus}\u202f%"
-        return Shown(str(sensor), facts, f"{fineness}%")
+        return Shown(width_in_design(sensor), facts, f"{fineness}%")
 
     own_hz = run.buses_hz[choice.enough]
     usual = shown(choice.enough, own_hz)
@@ -145,5 +159,5 @@ def _answer(
         for bus_hz, sensor in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > own_hz
-    tied = None if choice.tied is None else str(choice.tied)
+    tied = None if choice.tied is None else width_in_design(choice.tied)
     return Answer(where, [usual, *on_buses], "over" if over else "", tied)
