@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
+from scipy.stats import spearmanr
+
 from eres_render.errors import RenderError, reading
 from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
@@ -24,7 +26,9 @@ from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
+from tasks.study.results.exponents import designs_of, width_in_design
 from tasks.study.results.metrics import Series
+from tasks.study.results.perturbation import is_main
 from tasks.study.results.photoreceptors import leads
 from tasks.study.results.words import (
     MISSING,
@@ -116,6 +120,71 @@ def sample_worth(run: FinishedRun) -> str:
         f"{_light_text(at[0])}, {speed_label('', at[1])}:"
     )
     return f"{_wrapped(text)}\n\n{_markdown(columns)}"
+
+
+def ranks(run: FinishedRun) -> str:
+    """Return how our medians are ordered beside the paper's, a line for each method that it has."""
+    columns: list[list[str]] = [[""], *([scene] for scene in run.scenes)]
+    for series in filter(is_main, run.series):
+        of_series = []
+        for scene in run.scenes:
+            at = run.scores.conditions(series, scene)
+            pairs = [
+                (run.scores.cell(series, w).median, run.scores.published(series, w)) for w in at
+            ]
+            both = [pair for pair in pairs if None not in pair]
+            rank = f"{spearmanr(both).statistic:.2f} of {len(both)}" if len(both) > 2 else MISSING
+            of_series.append(rank)
+        if {*of_series} != {MISSING}:
+            for column, cell in zip(columns, [series.title, *of_series], strict=True):
+                column.append(cell)
+    return _markdown(columns)
+
+
+def designs(run: FinishedRun) -> str:
+    """Return the choice of a width for each design of a chip, a line for each method and scene."""
+    scores = run.scores
+    lines: dict[str, dict[str, list[str]]] = {}
+    for series in filter(is_main, run.series):
+        for design, others in designs_of(scores.sensors(series)).items():
+            bus = design.partition(", ")[2]
+            for (scene, cutoff_hz, speed), choice in choose_all(scores, series, others).items():
+                line = f"{TASKS[series.task].label(series.method)}, {scene}{bus and ', '}{bus}"
+                at = f"{cutoff_label(cutoff_hz)}, {speed_label('', speed)}"
+                enough = choice and (
+                    width_in_design(choice.enough) if choice.worthwhile else "none"
+                )
+                text = (enough or MISSING).removesuffix(" px")
+                lines.setdefault(line, {}).setdefault(at, []).append(text)
+    columns = [["", *lines]]
+    for at in dict.fromkeys(at for of_line in lines.values() for at in of_line):
+        columns.append([at, *(_joined(of_line.get(at, [MISSING])) for of_line in lines.values())])
+    return _markdown(columns)
+
+
+def programs(run: FinishedRun) -> str:
+    """Return the lead of the finest sensor with each photoreceptor or program, beside the paper's,
+    a line for each method, scene, light and speed."""
+    readings = {run.scores.photoreceptor: run.scores}
+    readings |= {name: scores[0] for name, scores in run.others.items()}
+    columns: list[list[str]] = [[""], *([name] for name in readings), ["paper"]]
+    for series in filter(is_main, run.series):
+        metric = TASKS[series.task].metric
+        for lead in leads(readings, series):
+            at = f"{_light_text(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
+            found = [
+                MISSING if one is None else metric.text(one.value, "+")
+                for one in lead.found.values()
+            ]
+            paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
+            texts = [
+                f"{TASKS[series.task].label(series.method)}, {lead.scene}, {at}",
+                *found,
+                paper,
+            ]
+            for column, text in zip(columns, texts, strict=True):
+                column.append(text)
+    return _markdown(columns)
 
 
 # The verb after one claim, and after several.
@@ -223,6 +292,9 @@ def answers_of(run_dir: Path) -> dict[str, str]:
         "claims": claim_counts(run.verdicts_by_photoreceptor),
         "verdicts": claim_list(run.verdicts_by_photoreceptor),
         "samples": sample_worth(run),
+        "ranks": ranks(run),
+        "designs": designs(run),
+        "programs": programs(run),
     }
 
 
