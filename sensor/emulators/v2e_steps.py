@@ -403,12 +403,13 @@ def _count(
     height, width = level.shape
     for y in range(height):
         for x in range(width):
-            change = level[y, x] - memory[y, x]
-            if change >= 0:
-                counts[y, x] = np.int32(change // on[y, x])
-            else:
-                counts[y, x] = -np.int32(-change // off[y, x])
-            most = max(most, abs(counts[y, x]))
+            change, counted = level[y, x] - memory[y, x], np.int32(0)
+            if change >= on[y, x]:  # most do not, and the program's division is slow
+                counted = np.int32(change // on[y, x])
+            elif -change >= off[y, x]:
+                counted = -np.int32(-change // off[y, x])
+            counts[y, x] = counted
+            most = max(most, abs(counted))
     return most
 
 

@@ -28,7 +28,7 @@ _RENDER_NS_ON_PLANE = (17, 3.4)
 _RENDER_NS_WITH_DEPTH = (70, 5.2)
 # One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
 _SIMULATE_NS_PER_PX = {"two_pole": 8.5, "one_pole": 8.5, "v2e": 27}
-_EMULATE_NS_PER_PX = 25  # one core, per pixel and frame that it sees
+_EMULATE_NS_PER_PX = 15  # one core, per pixel and frame that it sees
 
 
 @dataclass(frozen=True, slots=True)
