@@ -30,6 +30,7 @@ docs: .venv/.docs
 
 answers: .venv/.ready
 	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md
+	$(BIN)/python docs/answers.py docs/results/chip docs/what_decides.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

@@ -3,7 +3,7 @@
     python docs/answers.py RUN PAGE...
 
 replaces the text between two comments in each page. The answers in README.md and docs/results.md
-are those of docs/results/paper.
+are those of docs/results/paper, those in docs/what_decides.md of docs/results/chip.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
-from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.asked import MetersPerSecond, lux_of
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.exponents import designs_of, width_in_design
 from tasks.study.results.metrics import Series
@@ -150,7 +150,9 @@ def designs(run: FinishedRun) -> str:
             bus = design.partition(", ")[2]
             for (scene, cutoff_hz, speed), choice in choose_all(scores, series, others).items():
                 line = f"{TASKS[series.task].label(series.method)}, {scene}{bus and ', '}{bus}"
-                at = f"{cutoff_label(cutoff_hz)}, {speed_label('', speed)}"
+                lux = lux_of(cutoff_hz)
+                light = f"{lux:.0f} lux" if lux else cutoff_label(cutoff_hz)
+                at = f"{light}, {speed_label('', speed)}"
                 enough = choice and (
                     width_in_design(choice.enough) if choice.worthwhile else "none"
                 )

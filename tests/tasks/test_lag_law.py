@@ -86,6 +86,22 @@ def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
     assert [*stored_windows()] == windows
 
 
+@pytest.mark.slow
+def test_the_chip_is_as_its_page_says():
+    """Promise: of the widths that docs/predictions/chip.toml names, how many are right and what they
+    cost, as in the table of docs/what_decides.md."""
+    chip = benchmark("chip")
+    regrets = {exponent: [] for exponent in chip.EXPONENTS}
+    for exponent, at, scores in chip.ladders(chip.medians(ROOT / "docs/results/chip")):
+        regrets[exponent].append(max(scores.values()) - scores[chip.predicted(exponent, at)])
+    page = (ROOT / "docs/what_decides.md").read_text()
+    for exponent, each in regrets.items():
+        right = sum(one <= chip.NEAR_DB for one in each)
+        line = f"| area^{exponent} | {right} of 12 | {np.mean(each):.2f} | {max(each):.2f} |"
+        assert line in page
+    assert len(regrets) == 3
+
+
 def test_how_often_the_law_is_right(stored):
     """Promise: the shares on docs/what_decides.md, and that 1 px is not fitted."""
     cases = cases_of(stored[RUNS[0]])

@@ -21,13 +21,16 @@ class Highlights:
     """Collects the highlights of a job's scene from the events of its sensors.
 
     Of each sensor only the first photoreceptor and contrast threshold are used: films at the first
-    speed, intervals between events at the lowest and the highest speed.
+    speed, intervals between events at the lowest and the highest speed. Of sensors with the same
+    pixels, whose buses may differ, only the first is used.
     """
 
     def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
         job = queued.job
         speeds = job.simulate.speeds
         self._job, self._key, self._first = job, queued.key, settings[0].model
+        pixels = {replace(s, name="", readout=None): s for s in reversed(settings)}
+        settings = [s for s in settings if s in {*pixels.values()}]
         firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
         self._used = set(firsts.values())
         height, width = job.render.height_at(job.render.resolution), job.render.resolution
