@@ -88,8 +88,8 @@ def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
 
 @pytest.mark.slow
 def test_the_chip_is_as_its_page_says():
-    """Promise: of the widths that docs/predictions/chip.toml names, how many are right and what they
-    cost, as in the table of docs/what_decides.md."""
+    """Promise: how many widths of docs/predictions/chip.toml are right, and what following them
+    costs, as in the table of docs/what_decides.md."""
     chip = benchmark("chip")
     regrets = {exponent: [] for exponent in chip.EXPONENTS}
     for exponent, at, scores in chip.ladders(chip.medians(ROOT / "docs/results/chip")):
