@@ -174,7 +174,7 @@ def _reseeded(scene: Scene, seed: int) -> Scene:
             reason = error
         else:
             return varied
-    raise SceneError(f"{source}: no path in {_SEEDS_APART} seeds is possible; the last one: {reason}")
+    raise SceneError(f"{source}: none of {_SEEDS_APART} paths is possible; the last one: {reason}")
 
 
 def _check_value(file: Path, holds: bool, field: str, found: object, expected: str) -> None:

@@ -5,7 +5,7 @@ A claim holds if it holds on every scene of the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -36,6 +36,8 @@ class Verdict:
     likeness
         On how many scenes our numbers are like the paper's; "" if it has none or we have no
         interval.
+    intervals
+        Number of intervals that could have contradicted the claim.
     """
 
     number: int
@@ -46,6 +48,7 @@ class Verdict:
     paper: str
     note: str
     likeness: str = ""
+    intervals: int = 0
 
 
 def threshold_note(scores: Sequence[Scores]) -> str:
@@ -81,6 +84,24 @@ def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
     if not estimate.settles(bound):
         return Status.UNDECIDED
     return Status.HOLDS if (estimate.value > bound) == above else Status.DOES_NOT_HOLD
+
+
+def holm(tests: Mapping[int, Callable[[float], bool]], level: float) -> set[int]:
+    """Return which of several tests reject at a level that all of them share, by Holm's method.
+
+    Parameters
+    ----------
+    tests
+        Whether a test rejects at a level; one that does so also does at each higher level.
+    """
+    rejected: set[int] = set()
+    while more := {
+        key
+        for key, rejects in tests.items()
+        if key not in rejected and rejects(level / (len(tests) - len(rejected)))
+    }:
+        rejected |= more
+    return rejected
 
 
 def status_of(outcomes: Iterable[Status]) -> Status:

@@ -1,7 +1,8 @@
 """Compute intervals of statistics of medians by a percentile bootstrap over samples and trainings.
 
-With several seeds of a scene, these are resampled first, and samples within them. Everything is paired: differences of two cells are taken at each sample and item, before the median,
-and all cells of a scene are resampled with the same indices of samples and of trainings.
+Everything is paired: differences of two cells are taken at each sample and item, before the median,
+and all cells of a scene are resampled with the same indices of samples and of trainings. With
+several seeds of a scene, these are resampled first, and samples within them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ TAILS = (0.025, 0.025)
 
 BRACKETS = (
     "Brackets are 95 % bootstrap intervals over samples, taken as independent. Samples of one path "
-    "are not: n is how many independent ones they are worth, by the correlation r of neighbors. "
+    "are not: n is how many independent ones they are worth, by the correlation of neighbors, r. "
     "Where a scene has several seeds, intervals are over these, and over the samples of each."
 )
 """What `Interval.text` prints, in words."""
@@ -37,15 +38,15 @@ class Interval:
     """A statistic of medians with its 95 % interval.
 
     `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
-    many independent samples those of the interval, `samples`, are worth, which takes all of them as
-    independent; None if it is not over samples.
+    many independent samples those of the interval are worth, which takes all of them as
+    independent; None if it is not over samples. `samples` is their number, without equal ones.
     """
 
     value: float
     low: float | None
     high: float | None
     effective_samples: float | None = None
-    samples: int = 0
+    samples: float = 0.0
 
     def includes(self, bound: float) -> bool:
         """Whether a number is within the interval, if there is one."""
@@ -66,9 +67,10 @@ class Interval:
         low, high = (
             number_text(bound, decimals, sign, keeps_minus=True) for bound in (self.low, self.high)
         )
-        worth = ""
-        if (n := self.effective_samples) is not None:
-            worth = f"; n {n:.2g}, r {(self.samples - n) / (self.samples + n):.2f}"
+        n = self.effective_samples
+        worth = "" if n is None else f"; n {n:.2g}"
+        if n and n < self.samples:
+            worth += f", r {(self.samples - n) / (self.samples + n):.2f}"
         return f"{value} [{low}, {high}{worth}]{unit}"
 
 
@@ -163,14 +165,14 @@ def estimate(
     groups = max(cell.trainings for cell in every), min(len(cell.paths) for cell in every)
     number = min([number, *(group for group in groups if group > 1)])
     low, high = value + (ends - value) * [_widening(number, tail) for tail in tails]
-    worth, samples = 0.0, 0
+    worth = samples = 0.0
     for cells in scenes:
         first = next(iter(cells.values()))
         own = range(first.samples)
         alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in own]
         each = [float(statistic(Medians(of_one, sign, of_rates))) for of_one in alone]
-        worth += effective_samples(np.array(each), first.paths)
-        samples += first.samples
+        n = effective_samples(np.array(each), first.paths)
+        worth, samples = worth + n, samples + (first.samples if n > 1 else n)
     return Interval(value, float(low), float(high), worth, samples)
 
 
