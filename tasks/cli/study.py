@@ -222,7 +222,7 @@ def _show_scores(run: FinishedRun) -> None:
 
 def _show_claims(run: FinishedRun) -> None:
     from tasks.study.claims.judge import changed_verdicts
-    from tasks.study.claims.verdict import Status, threshold_note
+    from tasks.study.claims.verdict import Status, chance_note, threshold_note
     from tasks.study.results.intervals import BRACKETS
     from tasks.study.results.words import photoreceptor_label
 
@@ -231,6 +231,7 @@ def _show_claims(run: FinishedRun) -> None:
         Status.DOES_NOT_HOLD: Text("does not hold", "red"),
         Status.UNDECIDED: Text("undecided", "yellow"),
         Status.NOT_MEASURED: Text("not measured", "dim"),
+        Status.NO_VERDICT: Text("no single verdict", "dim"),
     }
     if not run.verdicts:
         terminal.say("none of the paper's claims is about these sensors, lights and methods")
@@ -246,7 +247,8 @@ def _show_claims(run: FinishedRun) -> None:
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.say(Text("\n") + Text(", ").join(counted))
-    for note in filter(None, (BRACKETS, threshold_note(run.found))):
+    notes = BRACKETS, chance_note(run.verdicts), threshold_note(run.found)
+    for note in filter(None, notes):
         terminal.out.print(note, highlight=False)
     judged = run.verdicts_by_photoreceptor
     for name in run.others:

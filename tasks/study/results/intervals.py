@@ -67,10 +67,10 @@ class Interval:
         low, high = (
             number_text(bound, decimals, sign, keeps_minus=True) for bound in (self.low, self.high)
         )
-        n = self.effective_samples
-        worth = "" if n is None else f"; n {n:.2g}"
-        if n and n < self.samples:
-            worth += f", r {(self.samples - n) / (self.samples + n):.2f}"
+        worth = ""
+        if (n := self.effective_samples) is not None:
+            r = f"{(self.samples - n) / (self.samples + n):.2f}"
+            worth = f"; n {n:.2g}" + f", r {r}" * (float(r) > 0)
         return f"{value} [{low}, {high}{worth}]{unit}"
 
 
