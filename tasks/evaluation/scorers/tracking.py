@@ -57,9 +57,9 @@ class TrackingScorer:
         source, task = self._source, self._task
         events = concatenate(self._parts)
         self._parts = []
-        seeds = [[*np.atleast_1d(self._path_seed), k] for k in range(1, task.starts or 1)]
-        every = product(task.sigmas_mm, enumerate([self._path_seed, *seeds]))
-        for sigma_mm, (start, seed) in every:
+        first = self._path_seed
+        seeds = [first, *([*np.atleast_1d(first), k] for k in range(1, task.starts or 1))]
+        for sigma_mm, (start, seed) in product(task.sigmas_mm, enumerate(seeds)):
             sample = tracking.tracking_sample(
                 events,
                 self._start_us,

@@ -21,6 +21,7 @@ from tasks.study.claims.numbers import (
 )
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
+from tasks.study.results.intervals import TAILS, widening
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores
@@ -232,7 +233,8 @@ class SceneClaim(Claim):
         """Name the scenes if some are missing, and the samples if they are few."""
         claimed = self.scenes or paper_scores().scenes(self.series)
         few = min(scores.samples(series, scene) for scene in judged) if self._cells else None
-        return scope_text(judged if set(claimed) - set(judged) else (), few)
+        seeds = min(scores.seeds(series, scene) for scene in judged)
+        return scope_text(judged if set(claimed) - set(judged) else (), few, seeds)
 
 
 def _likeness(scenes: Iterable[bool | None]) -> str:
@@ -245,17 +247,24 @@ def _likeness(scenes: Iterable[bool | None]) -> str:
     return f"numbers like the paper's on {sum(compared)} of {len(compared)} scenes"
 
 
-def scope_text(only: Collection[str] = (), samples: int | None = None) -> str:
+def scope_text(only: Collection[str] = (), samples: int | None = None, seeds: int = 1) -> str:
     """Say which scenes and samples a verdict is based on, if some are missing.
 
     Parameters
     ----------
     samples
         Samples of the scene that has the fewest; None if their number does not matter.
+    seeds
+        Seeds of the scene that has the fewest.
     """
     parts = [f"Judged on {join_words([*only])} only"] if only else []
     if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:
         plural = "sample" if samples == 1 else "samples"
         needed = f"({MIN_SAMPLES_FOR_INTERVAL} needed)"
         parts.append(f"{samples} {plural}, too few for an interval {needed}")
+    if seeds > 1:
+        wider = widening(seeds, TAILS[0])
+        parts.append(
+            f"{seeds} seeds of each scene, so few that intervals are {wider:.1f} times wider"
+        )
     return f"{'; '.join(parts)}." if parts else ""

@@ -164,7 +164,7 @@ def estimate(
     ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
     groups = max(cell.trainings for cell in every), min(len(cell.paths) for cell in every)
     number = min([number, *(group for group in groups if group > 1)])
-    low, high = value + (ends - value) * [_widening(number, tail) for tail in tails]
+    low, high = value + (ends - value) * [widening(number, tail) for tail in tails]
     worth = samples = 0.0
     for cells in scenes:
         first = next(iter(cells.values()))
@@ -182,7 +182,7 @@ def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
     return estimate(lambda medians: medians.difference("cell", "other"), cells, sign=sign)
 
 
-def _widening(number: int, tail: float) -> float:
+def widening(number: int, tail: float) -> float:
     """Return how much wider an interval is than its draws of samples, paths or trainings.
 
     Draws of N values spread by sqrt((N - 1) / N) of the error of their mean, which besides is
