@@ -122,7 +122,8 @@ def study(
         "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
         two photoreceptors; takes about two hours on 2 fast cores. "slider": three prints in front
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
-        "ablations": what the paper leaves open, on 6 samples of each scene.
+        "ablations": what the paper leaves open, on 6 samples of each scene. "paper-seeds": five
+        textures and paths of each scene; takes about four hours.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights
