@@ -65,7 +65,7 @@ def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str
 def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     """Return how many claims hold, which, and what changes with another photoreceptor."""
     verdicts = next(iter(judged.values()))
-    measured = [one for one in verdicts if one.status is not Status.NOT_MEASURED]
+    measured = [one for one in verdicts if one.status in _WORDS]
     if not measured:
         return "None of the paper's claims is about this run."
     parts: dict[int, list[Status]] = {}  # of claims, by their number

@@ -10,9 +10,9 @@ from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
-from eres_render.errors import SceneError, suggestion
+from eres_render.errors import SceneError, TrajectoryError, suggestion
 from eres_render.scene.objects import MAX_OBJECTS
-from eres_render.scene.scene import GIVEN_CLEARANCE_M, Scene
+from eres_render.scene.scene import GIVEN_CLEARANCE_M, Scene, name_and_seed
 from eres_render.scene.settings import (
     CameraSettings,
     FacingPlanePath,
@@ -27,6 +27,7 @@ from eres_render.trajectory.spline import Trajectory, check_finite
 _NAMES_OF_MITSUBA = ("config", "filename")  # arguments of its parser, as names of textures are
 _MIN_CLEARANCE_M = 0.005  # distance; the depth at the corners of a wide view is less
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
+_SEEDS_APART = 1000  # of the textures, and of the paths to try, of "carpet@1" and of "carpet@2"
 
 
 def scene_root() -> Path:
@@ -65,7 +66,8 @@ def load_scene(
         Name of a packaged scene, of its variant ("varnished_room"), or of a print in front of a
         camera on a slider ("forest", "pebbles", "split_rocks"); path of a folder with scene.xml and
         scene.toml; or path of any Mitsuba file (.xml) with exactly one camera, which gives the
-        field of view.
+        field of view. "carpet@1", "carpet@2" and so on are the scene "carpet" with other seeds of
+        its textures and its path: the first path whose view stays on the scene's square.
     trajectory
         A camera path that replaces the path in scene.toml, or a file of poses T_world_cam in TUM
         format. The camera passes through each pose of the file at its time. Times count from the
@@ -95,7 +97,10 @@ def load_scene(
     eres_render.errors.SceneError: no scene, folder or .xml file named 'carpets': ...
     """
     path = Path(name_or_path)
-    if packaged := _packaged(str(name_or_path)):
+    base, seed = name_and_seed(str(name_or_path))
+    if seed and not path.exists():
+        scene = _reseeded(load_scene(base), seed)
+    elif packaged := _packaged(str(name_or_path)):
         if (path / "scene.toml").is_file() and path.resolve() != packaged.resolve():
             raise SceneError(
                 f"{name_or_path}: found a packaged scene and a folder of this name; write "
@@ -147,6 +152,29 @@ def _load_xml(file: Path) -> Scene:
         path=None,
     )
     return Scene(file.stem, file, settings, str(file), xml.files, film=film)
+
+
+def _reseeded(scene: Scene, seed: int) -> Scene:
+    """Return a scene with other seeds of its textures and its path."""
+    name, source, settings = f"{scene.name}@{seed}", f"{scene.source}@{seed}", scene.settings
+    if not settings.textures and not isinstance(settings.path, FacingPlanePath | WaypointsPath):
+        raise SceneError(f"{source}: the scene has neither textures nor a path with a seed")
+    replace, further = dataclasses.replace, _SEEDS_APART * seed
+    textures = {key: replace(r, seed=r.seed + further) for key, r in settings.textures.items()}
+    settings = replace(settings, textures=textures)
+    scene = replace(scene, name=name, source=source, settings=settings)
+    if not isinstance(path := settings.path, FacingPlanePath | WaypointsPath):
+        return scene
+    for k in range(_SEEDS_APART):
+        one = replace(path, seed=path.seed + further + k)
+        varied = replace(scene, settings=replace(settings, path=one))
+        try:
+            varied.trajectory()
+        except (SceneError, TrajectoryError) as error:
+            reason = error
+        else:
+            return varied
+    raise SceneError(f"{source}: none of {_SEEDS_APART} paths is possible; the last one: {reason}")
 
 
 def _check_value(file: Path, holds: bool, field: str, found: object, expected: str) -> None:

@@ -39,6 +39,12 @@ _MIN_VIEWS, _RAYS_AT_ONCE = 2001, 1 << 16  # that are checked to stay on the squ
 _AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
+def name_and_seed(name: str) -> tuple[str, int]:
+    """Return the name of a scene and the seed after its "@"; 0 for the scene as it is."""
+    base, _, seed = name.rpartition("@")
+    return (base, int(seed)) if base and seed.isdecimal() else (name, 0)
+
+
 @dataclass(frozen=True)
 class Scene:
     """A scene, read and checked.

@@ -124,8 +124,8 @@ def study(
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
         "chip": one chip divided into 128 to 1280 px, with cutoffs that grow with a pixel's area to
         three powers. "paper-v2e": v2e's program on the frames of "paper" at three frame steps, 10
-        samples; about three hours. "ablations": what the paper leaves open, on 6 samples of each
-        scene.
+        samples; about three hours. "paper-seeds": five textures and paths of each scene; about four
+        hours. "ablations": what the paper leaves open, on 6 samples of each scene.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights
@@ -224,7 +224,7 @@ def _show_scores(run: FinishedRun) -> None:
 
 def _show_claims(run: FinishedRun) -> None:
     from tasks.study.claims.judge import changed_verdicts
-    from tasks.study.claims.verdict import Status, threshold_note
+    from tasks.study.claims.verdict import Status, chance_note, threshold_note
     from tasks.study.results.intervals import BRACKETS
     from tasks.study.results.words import photoreceptor_label
 
@@ -233,6 +233,7 @@ def _show_claims(run: FinishedRun) -> None:
         Status.DOES_NOT_HOLD: Text("does not hold", "red"),
         Status.UNDECIDED: Text("undecided", "yellow"),
         Status.NOT_MEASURED: Text("not measured", "dim"),
+        Status.NO_VERDICT: Text("no single verdict", "dim"),
     }
     if not run.verdicts:
         terminal.say("none of the paper's claims is about these sensors, lights and methods")
@@ -248,7 +249,8 @@ def _show_claims(run: FinishedRun) -> None:
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.say(Text("\n") + Text(", ").join(counted))
-    for note in filter(None, (BRACKETS, threshold_note(run.found))):
+    notes = BRACKETS, chance_note(run.verdicts), threshold_note(run.found)
+    for note in filter(None, notes):
         terminal.out.print(note, highlight=False)
     judged = run.verdicts_by_photoreceptor
     for name in run.others:

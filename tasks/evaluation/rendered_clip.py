@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera, Plane, Trajectory
+from eres_render.scene.scene import name_and_seed
 from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames, dark_level_of
 from tasks.evaluation.scorers.base import Score
@@ -126,7 +127,9 @@ class RenderedClip(Source):
         return poses if distance == 1.0 or plane is None else farther(poses, plane, distance)
 
     def seeds(self, task: Tracking) -> tuple[int, int]:
-        sequence = np.random.SeedSequence([task.seed, self.reference.sequence.manifest.clip])
+        manifest = self.reference.sequence.manifest
+        _, of_scene = name_and_seed(manifest.scene)
+        sequence = np.random.SeedSequence([task.seed, manifest.clip, *filter(None, [of_scene])])
         seed = int(sequence.generate_state(1)[0])
         return seed, seed
 

@@ -258,6 +258,8 @@ class Tracking(TaskSettings):
     tracking_window_s
         Length of the window, seconds of the path, if the study's is too short: the path and the
         largest delay must fit at every speed. None for the study's.
+    starts
+        Initial paths of each sample, drawn one by one; each is an item. None for one.
     """
 
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
@@ -266,6 +268,7 @@ class Tracking(TaskSettings):
     max_delay_us: int = field(default=10_000, metadata=MAY_BE_ZERO)
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
     tracking_window_s: float | None = None
+    starts: int | None = None
 
     def __post_init__(self) -> None:
         if len({f"{sigma:g}" for sigma in self.sigmas_mm}) < len(self.sigmas_mm):
@@ -282,13 +285,13 @@ class Tracking(TaskSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        starts = 1 + _FARTHER * (len(self.sigmas_mm) - 1)
+        starts = (self.starts or 1) * (1 + _FARTHER * (len(self.sigmas_mm) - 1))
         costs = (TASKS["tracking"].cost(method) for method in self.methods)
         return sum((cost.path_s + cost.event_s * self.max_events) * starts for cost in costs)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
-        return replace(self, methods=methods, sigmas_mm=self.sigmas_mm[:1])
+        return replace(self, methods=methods, sigmas_mm=self.sigmas_mm[:1], starts=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

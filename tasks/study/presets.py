@@ -99,6 +99,21 @@ PRESETS = {
             video=Video(methods=("high_pass_filter", "blank"), scenes=("carpet",), duration_s=1.2),
         ),
     ),
+    # Claims about scenes: of each, five textures with a path each, and fewer samples of every path.
+    "paper-seeds": Study(
+        name="paper-seeds",
+        question="Do the paper's claims hold for other textures and paths?",
+        scenes=tuple(
+            f"{scene}@{seed}" if seed else scene
+            for scene in ("carpet", "rocks", "room")
+            for seed in range(5)
+        ),
+        render=Render(samples=10),
+        evaluate=Evaluate(
+            flow=Flow(methods=tuple(name for name in _FLOW if name != "contrast_maximization")),
+            tracking=Tracking(methods=_TRACKING, sigmas_mm=(20.0,), max_events=50_000, starts=5),
+        ),
+    ),
     "slider": Study(
         name="slider",
         question="Does a camera on a slider need its full resolution?",

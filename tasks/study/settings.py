@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s", "sensors", "area_exponents", "illuminance_lux"),
-    *("speeds_m_s", "distance_m", "bus_mev_s", "trajectories", "frame_steps_px"),
+    *("speeds_m_s", "distance_m", "bus_mev_s", "trajectories", "frame_steps_px", "starts"),
 )
 
 

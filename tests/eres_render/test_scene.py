@@ -1,5 +1,7 @@
 """Scene folders: eres finds them, checks each field, and distinguishes them by digest."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,26 @@ def test_unknown_scene_gets_the_nearest_name():
         load_scene("carpte")
     with pytest.raises(SceneError, match=r"'zzz': choose from: carpet"):
         load_scene("zzz")
+
+
+def test_a_seed_after_the_name_changes_textures_and_path(tmp_path):
+    """Promise: "carpet@1" differs from "carpet" in the seeds of textures and path alone; its path
+    is the first that suits the scene, the same each time. A folder may have a seed too."""
+    carpet, other = load_scene("carpet"), load_scene("carpet@1")
+    assert (other.name, other.source) == ("carpet@1", "carpet@1")
+    assert other.settings.textures["carpet_reflectance"].seed == 1007
+    assert other.settings.path.seed == 1002  # the views of 1000 and 1001 leave the carpet
+    assert load_scene(other.source).digest == other.digest != carpet.digest
+    seeds = {"textures": carpet.settings.textures, "path": carpet.settings.path}
+    assert dataclasses.replace(other.settings, **seeds) == carpet.settings
+    mine = load_scene(f"{edit_scene(tmp_path / 'mine')}@2")
+    assert (mine.name, load_scene(mine.source).digest) == ("mine@2", mine.digest)
+    with pytest.raises(SceneError, match="'carpte': did you mean"):
+        load_scene("carpte@1")
+    camera = '<sensor type="perspective"><float name="fov" value="60"/></sensor>'
+    (tmp_path / "plain.xml").write_text(f'<scene version="3.0.0">{camera}</scene>')
+    with pytest.raises(SceneError, match="neither textures nor a path with a seed"):
+        load_scene(f"{tmp_path / 'plain.xml'}@1")
 
 
 def test_a_folder_is_a_scene_too(tmp_path):

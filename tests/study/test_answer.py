@@ -172,7 +172,7 @@ def verdicts(*statuses: Status) -> list[Verdict]:
 def test_claims_are_counted_and_named() -> None:
     """The paragraph names the claims of each verdict, and those that another photoreceptor changes;
     a claim that is not measured counts nowhere."""
-    yes, no, open_, unknown = Status
+    yes, no, open_, unknown, _ = Status
     first = verdicts(yes, yes, no, unknown, yes)
     assert " ".join(claim_counts({"two_pole": first}).split()) == (
         "Of 4 claims that this run measures, 3 hold (1, 2, 5), 1 does not (3) and none is "
@@ -189,7 +189,8 @@ def test_claims_are_counted_and_named() -> None:
         "With v2e's limit for small steps, only these verdicts change: 2 does not and 3 is "
         "undecided. With one pole, no verdict changes."
     )
-    assert claim_counts({"two_pole": verdicts(unknown)}).startswith("None of the paper's claims is")
+    nothing = verdicts(unknown, Status.NO_VERDICT)
+    assert claim_counts({"two_pole": nothing}).startswith("None of the paper's claims is")
 
 
 def test_the_worth_of_samples_is_that_of_the_finest_lead() -> None:

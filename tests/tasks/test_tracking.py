@@ -370,27 +370,42 @@ def seen(sample: TrackingSample) -> TrackingEstimate:
     raise LookupError
 
 
-@pytest.mark.parametrize("count", [1000, 150_000, 2_000_000])
-def test_a_scored_sample_is_that_of_all_events(scene, count):
-    """Promise: the scorer forgets no event that the sample has: it has as many as it may, be there
-    one event at hundreds of pixels or many at each, and they are those of a choice among all."""
+def kept(sample: TrackingSample) -> TrackingEstimate:
+    """Keep the sample, and its initial path."""
+    _SEEN.append(sample)
+    return TrackingEstimate(sample.initial)
+
+
+def scorer_of(task, scene, name="carpet"):
+    """Return the scorer of a task on a made-up clip, which lasts 28 ms."""
     _, log_image, pose = scene
-    task = Tracking(methods=(f"{__name__}:seen",), max_events=1000, max_delay_us=10_000)
-    rng = np.random.default_rng(0)
-    t_us = np.sort(rng.integers(START_US, START_US + 24_000, count))
-    model = SensorModel(width=WIDTH, height=WIDTH, contrast_threshold=C)
-    x, y = rng.integers(0, WIDTH, (2, count), np.uint16)
-    events = Events(t_us, x, y, np.ones(count, np.int8), WIDTH, WIDTH, model)
     sequence = SimpleNamespace(
-        window_s=(0.002, 0.03), t_s=np.array([0.0, 0.04]), manifest=SimpleNamespace(clip=0)
+        window_s=(0.002, 0.03),
+        t_s=np.array([0.0, 0.04]),
+        manifest=SimpleNamespace(clip=0, scene=name),
     )
     path = SimpleNamespace(pose=pose, duration_s=0.04)
     truth = SimpleNamespace(trajectory=path, plane=FLOOR)
     reference = SimpleNamespace(
         sequence=sequence, truth=truth, camera=lambda *_: CAMERA, log_image=lambda _: log_image
     )
+    model = SensorModel(width=WIDTH, height=WIDTH, contrast_threshold=C)
     setting = Setting(model, 1.0, START_US, START_US + 28_000)
-    scorer = TrackingScorer(RenderedClip(reference, setting), task)
+    return TrackingScorer(RenderedClip(reference, setting), task)
+
+
+@pytest.mark.parametrize("count", [1000, 150_000, 2_000_000])
+def test_a_scored_sample_is_that_of_all_events(scene, count):
+    """Promise: the scorer forgets no event that the sample has: it has as many as it may, be there
+    one event at hundreds of pixels or many at each, and they are those of a choice among all."""
+    _, log_image, _ = scene
+    task = Tracking(methods=(f"{__name__}:seen",), max_events=1000, max_delay_us=10_000)
+    rng = np.random.default_rng(0)
+    t_us = np.sort(rng.integers(START_US, START_US + 24_000, count))
+    model = SensorModel(width=WIDTH, height=WIDTH, contrast_threshold=C)
+    x, y = rng.integers(0, WIDTH, (2, count), np.uint16)
+    events = Events(t_us, x, y, np.ones(count, np.int8), WIDTH, WIDTH, model)
+    scorer = scorer_of(task, scene)
     for start_us in range(0, START_US + 30_000, 3000):
         scorer.push(events.between(start_us, start_us + 3000))
     with pytest.raises(MethodError, match="raised LookupError"):
@@ -406,6 +421,24 @@ def test_a_scored_sample_is_that_of_all_events(scene, count):
     assert min(count, most) - count / WIDTH**2 - 10 < len(found.t_us) <= most
     for name in ("x", "y", "t_us", "t_before_us", "p"):
         np.testing.assert_array_equal(getattr(found, name), getattr(among_all, name))
+
+
+def test_each_start_and_each_seed_of_a_scene_has_its_own_path(scene):
+    """Promise: the starts of a sample are its items, the first one the same for any number; those
+    of a scene with another seed differ from it, as those of "carpet" must not."""
+
+    def starts(name, count):
+        task = Tracking(methods=(f"{__name__}:kept",), starts=count)
+        scorer = scorer_of(task, scene, name)
+        scorer.push(scene[0])
+        items = [score.item for score in scorer.scores()]
+        assert items == list(range(count or 1))
+        return [_SEEN.pop(0).initial.controls.tobytes() for _ in items]
+
+    (first,) = starts("carpet", None)
+    assert first == starts("carpet", 3)[0]
+    every = [*starts("carpet", 3), *starts("carpet@1", 3), *starts("carpet@2", 3)]
+    assert len(set(every)) == 9
 
 
 def test_joined_events_add_up(scene):

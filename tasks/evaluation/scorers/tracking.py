@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +53,13 @@ class TrackingScorer:
         return self._ranks[events.y, events.x]
 
     def scores(self) -> Iterator[Score]:
-        """Yield one score for each method and size of the initial error."""
+        """Yield one score for each method, size of the initial error and start."""
         source, task = self._source, self._task
         events = concatenate(self._parts)
         self._parts = []
-        for sigma_mm in task.sigmas_mm:
+        first = self._path_seed
+        seeds = [first, *([*np.atleast_1d(first), k] for k in range(1, task.starts or 1))]
+        for sigma_mm, (start, seed) in product(task.sigmas_mm, enumerate(seeds)):
             sample = tracking.tracking_sample(
                 events,
                 self._start_us,
@@ -65,7 +68,7 @@ class TrackingScorer:
                 camera=source.camera(),
                 plane=source.plane(),
                 T_0=source.pose(np.zeros(1))[0],
-                initial=tracking.perturbed(self._truth, 1e-3 * sigma_mm, self._path_seed),
+                initial=tracking.perturbed(self._truth, 1e-3 * sigma_mm, seed),
                 initial_sigma_m=1e-3 * sigma_mm,
                 max_events=self._max_events,
                 max_delay_us=task.max_delay_us,
@@ -81,6 +84,7 @@ class TrackingScorer:
                     name,
                     error_mm,
                     variant=sigma_variant(sigma_mm),
+                    item=start,
                     failure=tracking.failure_of(estimate, sample.initial, error_mm, initial_mm),
                     events=len(sample.t_us),
                     cpu_s=cpu_s,

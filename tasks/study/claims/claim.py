@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
@@ -15,10 +16,12 @@ from tasks.study.claims.numbers import (
     NumberText,
     Quantity,
     SceneScores,
+    corrected,
     estimated,
 )
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
+from tasks.study.results.intervals import TAILS, widening
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores
@@ -58,7 +61,13 @@ class Claim(ABC):
         """
 
     def verdict(
-        self, outcomes: Iterable[Status], ours: str, paper: str, scope: str = "", likeness: str = ""
+        self,
+        outcomes: Iterable[Status],
+        ours: str,
+        paper: str,
+        scope: str = "",
+        likeness: str = "",
+        intervals: int = 0,
     ) -> Verdict:
         """Return the verdict that follows from outcomes.
 
@@ -68,10 +77,12 @@ class Claim(ABC):
             Our numbers and the paper's, a line for each scene; or what is missing.
         likeness
             On how many scenes our numbers are like the paper's, in words.
+        intervals
+            Number of intervals that could have contradicted the claim.
         """
         note = f"{self.note} {scope}".strip()
-        status = status_of(outcomes)
-        return Verdict(self.number, self.title, self.statement, status, ours, paper, note, likeness)
+        said = self.number, self.title, self.statement, status_of(outcomes), ours, paper, note
+        return Verdict(*said, likeness, intervals)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,32 +152,44 @@ class SceneClaim(Claim):
             why = ", which is a network" if series.method in TASKS[series.task].networks else ""
             lines = [f"no rows of {series.name}{where}{why}", *lines]
         likeness = _likeness([reading.like_paper for reading in readings.values()])
-        return self.verdict(outcomes, "\n".join(lines), paper, scope, likeness)
+        intervals = sum(reading.intervals for reading in readings.values())
+        return self.verdict(outcomes, "\n".join(lines), paper, scope, likeness, intervals)
 
     def _read(
         self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
     ) -> tuple[dict[str, NumberText], list[str]]:
         """Read the numbers of each scene, and return them with lines of text."""
-        readings, lines = {}, []
+        lines = []
         others = [series._replace(**change) for change in self.beside]
         scenes = dict.fromkeys(scene for each in (series, *others) for scene in scores.scenes(each))
-        for scene in scenes:
-            if self.scenes and scene not in self.scenes:
-                continue
-            on = SceneScores(scores, series, scene, scaling.get(scene))
-            if scene in scores.scenes(series):
-                try:
-                    reading = self._reading(on)
-                except NotMeasured as reason:
-                    reading = NumberText(str(reason), Status.NOT_MEASURED)
-                readings[scene] = reading
+        every = [
+            SceneScores(scores, series, scene, scaling.get(scene))
+            for scene in scenes
+            if not self.scenes or scene in self.scenes
+        ]
+        readings = self._readings([on for on in every if on.scene in scores.scenes(series)])
+        for on in every:
+            if reading := readings.get(on.scene):
                 fails = reading.status is Status.DOES_NOT_HOLD
-                lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
+                lines.append(f"{on.scene}: {reading.text}{' (does not hold)' * fails}")
             for other in others:
                 with suppress(NotMeasured):
-                    reading = self._reading(replace(on, series=other))
-                    lines.append(f"{scene}, {other.name}: {reading.text} ({reading.status})")
+                    reading = self._reading(self._numbers(replace(on, series=other)))
+                    lines.append(f"{on.scene}, {other.name}: {reading.text} ({reading.status})")
         return readings, lines + self._mean(scores, series)
+
+    def _readings(self, every: Sequence[SceneScores]) -> dict[str, NumberText]:
+        """Read the numbers of all scenes, which fail together, and judge each scene by its own."""
+        readings, found = {}, {}
+        for on in every:
+            try:
+                found[on.scene] = self._numbers(on)
+            except NotMeasured as reason:
+                readings[on.scene] = NumberText(str(reason), Status.NOT_MEASURED)
+        numbers = iter(corrected([number for of_scene in found.values() for number in of_scene]))
+        for scene, of_scene in found.items():
+            readings[scene] = self._reading([*islice(numbers, len(of_scene))])
+        return {on.scene: readings[on.scene] for on in every}
 
     @property
     def _cells(self) -> list[SceneCell]:
@@ -175,14 +198,21 @@ class SceneClaim(Claim):
         cells = {cell for number in numbers for cell in number.statistic.cells}
         return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
-    def _reading(self, on: SceneScores) -> NumberText:
-        """Read the numbers of a scene, and judge it by them."""
+    def _numbers(self, on: SceneScores) -> list[NumberText]:
+        """Read the numbers of a scene."""
         on.require(self._cells)
-        readings = {name: read(on) for name, read in self.numbers.items()}
-        text = self.text.format_map({name: read.text for name, read in readings.items()})
-        compared = [read.like_paper for read in readings.values() if read.like_paper is not None]
-        status = status_of(read.status for read in readings.values())
-        return NumberText(text, status, all(compared) if compared else None)
+        return [read(on) for read in self.numbers.values()]
+
+    def _reading(self, numbers: Sequence[NumberText]) -> NumberText:
+        """Judge a scene by its numbers."""
+        texts = zip(self.numbers, (number.text for number in numbers), strict=True)
+        compared = [number.like_paper for number in numbers if number.like_paper is not None]
+        return NumberText(
+            self.text.format_map(dict(texts)),
+            status_of(number.status for number in numbers),
+            all(compared) if compared else None,
+            intervals=sum(number.fails_at is not None for number in numbers),
+        )
 
     def _mean(self, scores: Scores, series: Series) -> list[str]:
         """Return a line with the mean over the scenes, if several have the number."""
@@ -203,7 +233,8 @@ class SceneClaim(Claim):
         """Name the scenes if some are missing, and the samples if they are few."""
         claimed = self.scenes or paper_scores().scenes(self.series)
         few = min(scores.samples(series, scene) for scene in judged) if self._cells else None
-        return scope_text(judged if set(claimed) - set(judged) else (), few)
+        seeds = min(scores.seeds(series, scene) for scene in judged)
+        return scope_text(judged if set(claimed) - set(judged) else (), few, seeds)
 
 
 def _likeness(scenes: Iterable[bool | None]) -> str:
@@ -216,17 +247,24 @@ def _likeness(scenes: Iterable[bool | None]) -> str:
     return f"numbers like the paper's on {sum(compared)} of {len(compared)} scenes"
 
 
-def scope_text(only: Collection[str] = (), samples: int | None = None) -> str:
+def scope_text(only: Collection[str] = (), samples: int | None = None, seeds: int = 1) -> str:
     """Say which scenes and samples a verdict is based on, if some are missing.
 
     Parameters
     ----------
     samples
         Samples of the scene that has the fewest; None if their number does not matter.
+    seeds
+        Seeds of the scene that has the fewest.
     """
     parts = [f"Judged on {join_words([*only])} only"] if only else []
     if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:
         plural = "sample" if samples == 1 else "samples"
         needed = f"({MIN_SAMPLES_FOR_INTERVAL} needed)"
         parts.append(f"{samples} {plural}, too few for an interval {needed}")
+    if seeds > 1:
+        wider = widening(seeds, TAILS[0])
+        parts.append(
+            f"{seeds} seeds of each scene, so few that intervals are {wider:.1f} times wider"
+        )
     return f"{'; '.join(parts)}." if parts else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -11,7 +11,7 @@ import numpy as np
 from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
-from tasks.study.claims.verdict import Status, settled
+from tasks.study.claims.verdict import Status, holm, settled
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import TAILS, Interval, estimate
 from tasks.study.results.metrics import Series
@@ -92,8 +92,8 @@ class SceneScores:
         return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{count}"
 
 
-def estimated(statistic: Statistic, *scenes: SceneScores) -> Interval:
-    """Evaluate a statistic of a scene's medians, with its interval."""
+def estimated(statistic: Statistic, *scenes: SceneScores, tail: float = TAILS[0]) -> Interval:
+    """Evaluate a statistic of a scene's medians, with an interval with two such tails."""
     rates = statistic.of_rates
     cells = [{at: on.cell(at) for at in statistic.cells} for on in scenes]
     every = [cell for of_scene in cells for cell in of_scene.values()]
@@ -104,7 +104,7 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Interval:
         zero = "a sample has no events" if rates else "an error is 0"
         raise NotMeasured(f"not measured, {zero}")
     sign = 1.0 if rates else scenes[0].metric.sign
-    return _of_parts(statistic, cells, sign, TAILS)
+    return _of_parts(statistic, cells, sign, (tail, tail))
 
 
 def _of_parts(
@@ -134,7 +134,7 @@ def _of_parts(
     highs = [part.high for part in parts if part.high is not None]
     if not lows:  # too few samples, in all parts
         return extreme
-    return Interval(extreme.value, pick(lows), pick(highs), extreme.effective_samples)
+    return replace(extreme, low=pick(lows), high=pick(highs))
 
 
 class NumberText(NamedTuple):
@@ -143,6 +143,24 @@ class NumberText(NamedTuple):
     text: str
     status: Status = Status.HOLDS
     like_paper: bool | None = None  # None if there is nothing to compare
+    fails_at: Callable[[float], bool] | None = None
+    """Whether its interval with such tails contradicts the claim; None if it has none to do so."""
+    intervals: int = 0
+    """Of a scene: the number of its intervals that could."""
+
+
+def corrected(numbers: Sequence[NumberText]) -> list[NumberText]:
+    """Return the numbers of a claim, of which those fail that do so after Holm's correction."""
+    tests = {k: number.fails_at for k, number in enumerate(numbers) if number.fails_at}
+    doubtful = {k for k in tests if numbers[k].status is Status.DOES_NOT_HOLD}
+    doubtful -= holm(tests, TAILS[0])
+    doubt = f", not settled as one of {len(tests)}"
+    return [
+        number._replace(text=number.text + doubt, status=Status.UNDECIDED)
+        if k in doubtful
+        else number
+        for k, number in enumerate(numbers)
+    ]
 
 
 class Quantity(Protocol):
@@ -196,7 +214,15 @@ class Number:
             tied = ours.low == ours.high == bound  # as where all searches keep their starts
             doubt = ", tied in these samples" if tied else ", not settled by these samples"
         status = settled(ours, above=above, bound=bound)
-        return NumberText(text + doubt, status, self._like_paper(ours, on))
+
+        def fails_at(tail: float) -> bool:
+            if status is not Status.DOES_NOT_HOLD:
+                return False
+            at_tail = estimated(self.statistic, on, tail=tail)
+            return settled(at_tail, above=above, bound=bound) is Status.DOES_NOT_HOLD
+
+        able = None if ours.low is None else fails_at
+        return NumberText(text + doubt, status, self._like_paper(ours, on), able)
 
     def text_of(self, interval: Interval, metric: Metric) -> str:
         """Format the number with its interval.

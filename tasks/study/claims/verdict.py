@@ -5,7 +5,7 @@ A claim holds if it holds on every scene of the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -15,12 +15,13 @@ from tasks.study.results.scores import Scores
 
 
 class Status(StrEnum):
-    """Whether a claim holds."""
+    """Whether a claim holds. A table of many conditions has no single verdict."""
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
     UNDECIDED = "undecided"
     NOT_MEASURED = "not measured"
+    NO_VERDICT = "no single verdict"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,8 @@ class Verdict:
     likeness
         On how many scenes our numbers are like the paper's; "" if it has none or we have no
         interval.
+    intervals
+        Number of intervals that could have contradicted the claim.
     """
 
     number: int
@@ -46,6 +49,7 @@ class Verdict:
     paper: str
     note: str
     likeness: str = ""
+    intervals: int = 0
 
 
 def threshold_note(scores: Sequence[Scores]) -> str:
@@ -70,6 +74,18 @@ def threshold_note(scores: Sequence[Scores]) -> str:
     return f"Judged at a contrast threshold of {judged:g}{whose}."
 
 
+def chance_note(verdicts: Iterable[Verdict]) -> str:
+    """Say how many intervals of some verdicts miss by chance, and what is done about it."""
+    count = sum(verdict.intervals for verdict in verdicts)
+    if not count:
+        return ""
+    return (
+        f"{count} intervals decide these claims; {0.05 * count:.1f} of so many miss the truth by "
+        "chance. So where an interval contradicts a claim, the claim does not hold only if the "
+        "interval still does after Holm's correction for all intervals of the claim."
+    )
+
+
 def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
     """Judge a number against a bound.
 
@@ -83,8 +99,36 @@ def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
     return Status.HOLDS if (estimate.value > bound) == above else Status.DOES_NOT_HOLD
 
 
+def holm(tests: Mapping[int, Callable[[float], bool]], level: float) -> set[int]:
+    """Return which of several tests reject at a level that all of them share, by Holm's method.
+
+    Parameters
+    ----------
+    tests
+        Whether a test rejects at a level; one that does so also does at each higher level.
+    """
+    rejected: set[int] = set()
+    while more := {
+        key
+        for key, rejects in tests.items()
+        if key not in rejected and rejects(level / (len(tests) - len(rejected)))
+    }:
+        rejected |= more
+    return rejected
+
+
 def status_of(outcomes: Iterable[Status]) -> Status:
-    """Combine the outcomes on scenes, in cells or of numbers."""
-    statuses = set(outcomes)
+    """Combine outcomes of which all must hold, as on scenes, in cells or of numbers."""
     by_weight = (Status.DOES_NOT_HOLD, Status.NOT_MEASURED, Status.UNDECIDED, Status.HOLDS)
+    return _first((*by_weight, Status.NO_VERDICT), outcomes)
+
+
+def status_of_any(outcomes: Iterable[Status]) -> Status:
+    """Combine outcomes of which one must hold, as in lights of which one is the paper's."""
+    by_weight = (Status.HOLDS, Status.NOT_MEASURED, Status.UNDECIDED, Status.DOES_NOT_HOLD)
+    return _first(by_weight, outcomes)
+
+
+def _first(by_weight: Iterable[Status], outcomes: Iterable[Status]) -> Status:
+    statuses = set(outcomes)
     return next((status for status in by_weight if status in statuses), Status.NOT_MEASURED)

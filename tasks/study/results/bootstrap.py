@@ -1,4 +1,4 @@
-"""Bootstrap medians over samples, and over trainings; every interval of the study uses them."""
+"""Bootstrap medians over samples, paths and trainings; every interval of the study uses them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,19 @@ DRAWS = 2000
 
 
 def resampled_medians(
-    values: NDArray[np.float64], sample: NDArray[np.int64], training: NDArray[np.int64], seed: str
+    values: NDArray[np.float64],
+    sample: NDArray[np.int64],
+    training: NDArray[np.int64],
+    seed: str,
+    paths: tuple[int, ...] = (),
 ) -> NDArray[np.float64]:
     """Return medians over samples and trainings, both drawn with replacement.
 
     A sample is drawn with all its values, because the values of one sample (features, trials) share
-    frames and events, and so is a training, because its values share weights. The draws depend only
-    on `seed` and on the numbers of samples and trainings, so cells with the same samples have
-    paired draws; those of trainings are the same for all scenes.
+    frames and events, and so is a training, because its values share weights. Of several paths,
+    which differ in the seeds of their scene, paths are drawn first, and samples within each. The
+    draws depend only on `seed` and on the numbers of samples, paths and trainings, so cells with
+    the same samples have paired draws; those of trainings are the same for all scenes.
 
     Parameters
     ----------
@@ -32,6 +37,8 @@ def resampled_medians(
         (N,) int64, index of each value's sample, 0 to S - 1.
     training
         (N,) int64, index of each value's training, 0 to T - 1; every sample has values of all.
+    paths
+        Number of samples on each path, one after the other; () for a single path.
 
     Returns
     -------
@@ -40,18 +47,25 @@ def resampled_medians(
     """
     order = np.argsort(values, kind="stable")
     counts = _counts(seed, int(sample.max()) + 1)
+    if paths[1:]:
+        counts = _clustered(seed, paths)
     of_trainings = _counts("trainings", int(training.max()) + 1)
     return _weighted_medians(values[order], sample[order], training[order], counts, of_trainings)
 
 
-def effective_samples(values: NDArray[np.float64]) -> float:
-    """Return how many independent samples N samples along one path are worth.
+def effective_samples(values: NDArray[np.float64], paths: tuple[int, ...] = ()) -> float:
+    """Return how many independent samples N samples are worth: N (1 - r) / (1 + r) of a path.
 
     Parameters
     ----------
     values
-        (N,) float64, a value of each sample, in the order of the path.
+        (N,) float64, a value of each sample, in the order of the path. r is the correlation of
+        neighbors, at least 0.
+    paths
+        Number of samples on each path, one after the other; () for a single path.
     """
+    if paths[1:]:
+        return sum(map(effective_samples, np.split(values, np.cumsum(paths[:-1]))))
     if np.ptp(values) < LAST_BITS:
         return 1.0
     away = values - values.mean()
@@ -67,6 +81,14 @@ def _counts(seed: str, things: int) -> NDArray[np.int64]:
     counts = np.zeros((DRAWS, things), np.int64)
     np.add.at(counts, (np.arange(DRAWS)[:, None], drawn), 1)
     return counts
+
+
+@lru_cache(maxsize=64)
+def _clustered(seed: str, paths: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return how often each draw of paths, and of samples within them, contains each sample."""
+    rng = np.random.default_rng([zlib.crc32(seed.encode(errors="surrogatepass")), *paths])
+    drawn = zip(paths, _counts(seed, len(paths)).T, strict=True)
+    return np.hstack([rng.multinomial(times * n, np.full(n, 1 / n)) for n, times in drawn])
 
 
 @compiler()

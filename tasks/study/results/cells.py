@@ -38,6 +38,8 @@ class Cell:
         Run of each value, counted from 0, where several runs differ in the weights of networks.
     expected : int
         Number of values in a complete cell of the series on this scene.
+    paths : tuple of int
+        Number of samples on each of the scene's paths, one after the other; () for a single path.
     """
 
     scene: str
@@ -47,6 +49,7 @@ class Cell:
     sample: NDArray[np.int64]
     training: NDArray[np.int64]
     expected: int
+    paths: tuple[int, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -77,7 +80,7 @@ class Cell:
         if not self.complete or self.samples < MIN_SAMPLES_FOR_INTERVAL:
             return None
         each = [np.median(self.of_sample(i).values) for i in range(self.samples)]
-        return effective_samples(np.array(each))
+        return effective_samples(np.array(each), self.paths)
 
     def of_sample(self, sample: int) -> Cell:
         """Return the values of one sample."""
@@ -99,9 +102,13 @@ class Cell:
     @cached_property
     def resampled(self) -> NDArray[np.float64]:
         """Median scores of bootstrap draws of samples and trainings, (draws,) float64."""
-        return resampled_medians(self.values, self.sample, self.training, self.scene)
+        return self.resampled_of(self.values)
 
     @cached_property
     def resampled_rates_hz(self) -> NDArray[np.float64]:
         """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
-        return resampled_medians(self.event_rates_hz, self.sample, self.training, self.scene)
+        return self.resampled_of(self.event_rates_hz)
+
+    def resampled_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return medians of bootstrap draws of values in the order of the cell's, (draws,)."""
+        return resampled_medians(values, self.sample, self.training, self.scene, self.paths)

@@ -1,7 +1,8 @@
 """Compute intervals of statistics of medians by a percentile bootstrap over samples and trainings.
 
 Everything is paired: differences of two cells are taken at each sample and item, before the median,
-and all cells of a scene are resampled with the same indices of samples and of trainings.
+and all cells of a scene are resampled with the same indices of samples and of trainings. With
+several seeds of a scene, these are resampled first, and samples within them.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
-from tasks.study.results.bootstrap import effective_samples, resampled_medians
+from tasks.study.results.bootstrap import effective_samples
 from tasks.study.results.cells import Cell
 
 TAILS = (0.025, 0.025)
@@ -24,7 +25,8 @@ TAILS = (0.025, 0.025)
 
 BRACKETS = (
     "Brackets are 95 % bootstrap intervals over samples, taken as independent. Samples of one path "
-    "are not: n is how many independent ones they are worth, by the correlation of neighbors."
+    "are not: n is how many independent ones they are worth, by the correlation of neighbors, r. "
+    "Where a scene has several seeds, intervals are over these, and over the samples of each."
 )
 """What `Interval.text` prints, in words."""
 
@@ -37,13 +39,14 @@ class Interval:
 
     `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
     many independent samples those of the interval are worth, which takes all of them as
-    independent; None if it is not over samples.
+    independent; None if it is not over samples. `samples` is their number, without equal ones.
     """
 
     value: float
     low: float | None
     high: float | None
     effective_samples: float | None = None
+    samples: float = 0.0
 
     def includes(self, bound: float) -> bool:
         """Whether a number is within the interval, if there is one."""
@@ -56,7 +59,7 @@ class Interval:
         return min(self.low, self.value) > bound or max(self.high, self.value) < bound
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
-        """Format as ``+3.18 [+2.90, +3.40; n 12] dB``, where n are the effective samples."""
+        """Format as ``+3.18 [+2.90, +3.40; n 12, r 0.25] dB``: `BRACKETS` says what is what."""
         unit = f" {unit}" if unit else ""
         if self.low is None or self.high is None:
             return f"{number_text(self.value, decimals, sign)}{unit}"
@@ -64,7 +67,10 @@ class Interval:
         low, high = (
             number_text(bound, decimals, sign, keeps_minus=True) for bound in (self.low, self.high)
         )
-        worth = "" if self.effective_samples is None else f"; n {self.effective_samples:.2g}"
+        worth = ""
+        if (n := self.effective_samples) is not None:
+            r = f"{(self.samples - n) / (self.samples + n):.2f}"
+            worth = f"; n {n:.2g}" + f", r {r}" * (float(r) > 0)
         return f"{value} [{low}, {high}{worth}]{unit}"
 
 
@@ -107,7 +113,7 @@ class Medians(Generic[Key]):
         if not self.drawn:
             return np.asarray(np.median(values))
         cell = max((self.cells[key] for key in keys), key=lambda cell: cell.trainings)
-        return resampled_medians(values, cell.sample, cell.training, cell.scene)
+        return cell.resampled_of(values)
 
     def difference(self, key: Key, other: Key) -> NDArray[np.float64]:
         """Return the median of the differences between the values of two cells."""
@@ -140,9 +146,9 @@ def estimate(
     Interval
         The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
         fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. The interval is as much wider than the draws
-        as Student's t says for so few samples, or trainings if those are fewer. Numbers that differ
-        from 0 by rounding, as where equal scores are subtracted, are 0. The effective samples are
-        those of the statistic of each sample alone; those of several scenes add up.
+        as Student's t says for so few samples, paths or trainings. Numbers that differ from 0 by
+        rounding, as where equal scores are subtracted, are 0. The effective samples are those of
+        the statistic of each sample alone; those of several scenes add up.
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
@@ -151,20 +157,23 @@ def estimate(
         return np.where(np.abs(mean_of_all) < LAST_BITS, 0.0, mean_of_all)
 
     value = float(mean(drawn=False))
-    fewest = min(cell.samples for cells in scenes for cell in cells.values())
-    if fewest < MIN_SAMPLES_FOR_INTERVAL:
+    every = [cell for cells in scenes for cell in cells.values()]
+    number = min(cell.samples for cell in every)
+    if number < MIN_SAMPLES_FOR_INTERVAL:
         return Interval(value, None, None)
     ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
-    trainings = max(cell.trainings for cells in scenes for cell in cells.values())
-    number = fewest if trainings == 1 else min(fewest, trainings)
-    low, high = value + (ends - value) * [_widening(number, tail) for tail in tails]
-    worth = 0.0
+    groups = max(cell.trainings for cell in every), min(len(cell.paths) for cell in every)
+    number = min([number, *(group for group in groups if group > 1)])
+    low, high = value + (ends - value) * [widening(number, tail) for tail in tails]
+    worth = samples = 0.0
     for cells in scenes:
-        count = min(cell.samples for cell in cells.values())
-        alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in range(count)]
+        first = next(iter(cells.values()))
+        own = range(first.samples)
+        alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in own]
         each = [float(statistic(Medians(of_one, sign, of_rates))) for of_one in alone]
-        worth += effective_samples(np.array(each))
-    return Interval(value, float(low), float(high), worth)
+        n = effective_samples(np.array(each), first.paths)
+        worth, samples = worth + n, samples + (first.samples if n > 1 else n)
+    return Interval(value, float(low), float(high), worth, samples)
 
 
 def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
@@ -173,8 +182,8 @@ def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
     return estimate(lambda medians: medians.difference("cell", "other"), cells, sign=sign)
 
 
-def _widening(number: int, tail: float) -> float:
-    """Return how much wider an interval is than its draws of a number of samples or trainings.
+def widening(number: int, tail: float) -> float:
+    """Return how much wider an interval is than its draws of samples, paths or trainings.
 
     Draws of N values spread by sqrt((N - 1) / N) of the error of their mean, which besides is
     estimated from N values: the quantile is that of Student's t, not of a normal distribution.

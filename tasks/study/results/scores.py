@@ -1,4 +1,7 @@
-"""The rows of a run in cells: one method under one condition, over all samples."""
+"""The rows of a run in cells: one method under one condition, over all samples.
+
+"carpet@1" is the scene "carpet" with other seeds: its samples are further samples of "carpet".
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from eres_render.scene.scene import name_and_seed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
@@ -78,7 +82,8 @@ def _some(rows: Iterable[Row]) -> list[Row]:
     return rows
 
 
-_Values = dict[tuple[int, int], Row]  # by sample and item
+_Item = tuple[int, int, int]  # seed of the scene, sample and item
+_Values = dict[_Item, Row]
 
 
 class Scores:
@@ -140,14 +145,14 @@ class Scores:
         self._cells: dict[tuple[Series, Condition], Cell] = {}
         self._baselines: dict[tuple[Series, Condition], Cell] = {}
 
-    def _expected_items(self) -> dict[tuple[Series, str], list[tuple[int, int]]]:
-        """Return sample and item of every row that a complete cell of a series has on a scene."""
-        expected: dict[tuple[Series, str], set[tuple[int, int]]] = {}
+    def _expected_items(self) -> dict[tuple[Series, str], list[_Item]]:
+        """Return every item that a complete cell of a series has on a scene."""
+        expected: dict[tuple[Series, str], set[_Item]] = {}
         for series, conditions in self._rows.items():
             for condition, values in conditions.items():
                 expected.setdefault((series, condition.scene), set()).update(
-                    (sample, item // self._trainings * self._trainings + training)
-                    for sample, item in values
+                    (seed, sample, item // self._trainings * self._trainings + training)
+                    for seed, sample, item in values
                     for training in range(self._trainings)
                 )
         return {key: sorted(items) for key, items in expected.items()}
@@ -193,7 +198,11 @@ class Scores:
 
     def samples(self, series: Series, scene: str) -> int:
         """Return how many samples a complete cell has."""
-        return len({sample for sample, _ in self._expected.get((series, scene), ())})
+        return len({item[:2] for item in self._expected.get((series, scene), ())})
+
+    def seeds(self, series: Series, scene: str) -> int:
+        """Return how many seeds of a scene a complete cell has."""
+        return len({seed for seed, *_ in self._expected.get((series, scene), ())})
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`."""
@@ -246,7 +255,7 @@ class Scores:
         expected = self._expected.get((series, scene), [])
         keys = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
         finite = [rows[key] for key in keys]
-        index = {sample: i for i, sample in enumerate(sorted({sample for sample, _ in keys}))}
+        index = {at: i for i, at in enumerate(sorted({key[:2] for key in keys}))}
         # Joined runs repeat methods without weights; only networks differ between trainings.
         trainings = self._trainings if series.method in TASKS[series.task].networks else 1
         return Cell(
@@ -254,9 +263,10 @@ class Scores:
             values=np.array([row.value for row in finite], dtype=np.float64),
             event_rates_hz=np.array([row.event_rate_hz for row in finite], dtype=np.float64),
             failed=np.array([row.failure != "" for row in finite], dtype=np.bool_),
-            sample=np.array([index[sample] for sample, _ in keys], dtype=np.int64),
-            training=np.array([item % trainings for _, item in keys], dtype=np.int64),
+            sample=np.array([index[key[:2]] for key in keys], dtype=np.int64),
+            training=np.array([item % trainings for *_, item in keys], dtype=np.int64),
             expected=len(expected),
+            paths=(*Counter(seed for seed, _ in index).values(),),
         )
 
 
@@ -268,20 +278,22 @@ def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
     """Return the rows of each series and condition by sample and item."""
     groups: dict[Series, dict[Condition, _Values]] = {}
     of_cell: dict[tuple[str | int | float, ...], _Values] = {}  # by plain tuples, as there are many
+    named = cache(name_and_seed)
     for row in rows:
         key = (row.task, row.method, row.metric, row.variant)
-        where = (row.scene, row.width, light_of(row), speed_of(row), row.sensor)
+        scene, seed = named(row.scene)
+        where = (scene, row.width, light_of(row), speed_of(row), row.sensor)
         values = of_cell.get(key + where)
         if values is None:
             _check_known(row)
             of_series = groups.setdefault(Series(*key), {})
             values = of_cell[key + where] = of_series.setdefault(Condition(*where), {})
-        if (row.sample, row.item) in values:
+        if (seed, row.sample, row.item) in values:
             raise ResultError(
                 f"found two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
                 f"{Condition(*where)}"
             )
-        values[row.sample, row.item] = row
+        values[seed, row.sample, row.item] = row
     return groups
 
 

@@ -201,7 +201,7 @@ def test_claim_22_on_recordings():
     found = verdict(recorded(0.3))
     assert (found.number, found.status) == (22, Status.HOLDS)
     assert "mine, 650 px or 1200 px at 0.6 m/s" in found.ours
-    assert "cutoff unknown +0.3" in found.ours
+    assert "cutoff unknown: holds" in found.ours
     assert "Judged on recordings of mine only." in found.note
     assert verdict(recorded(-0.3)).status is Status.DOES_NOT_HOLD
     slower = [replace(row, value=row.value - 1) if (row.width, row.speed) == (650, 0.2) else row
