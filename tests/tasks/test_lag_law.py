@@ -1,5 +1,6 @@
 """The lag law, and the table of stored cases in the package."""
 
+import hashlib
 import math
 from importlib.resources import files
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark_files import benchmark
+from benchmark_files import FOLDER, benchmark
 from sensor import SensorModel, simulate
 from tasks.advice.law import CROSSING_PX, chosen, delay_s, finer_wins, lag_px
 from tasks.advice.stored import (
@@ -133,6 +134,44 @@ def test_the_page_has_the_tables_of_the_command(stored, capsys):
     law.print_margins(cases_of(stored[RUNS[0]]))
     law.print_regrets(stored[RUNS[0]])
     assert lines_on_the_page(capsys) == (16, 16)
+
+
+@pytest.fixture(scope="module")
+def unseen():
+    """The benchmark that predicts before it measures, and what it measured."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)  # it takes its tables from another benchmark
+        module = benchmark("lag_predictions")
+    return module, module.seen()  # which ends if the predictions were changed since
+
+
+def test_the_predictions_are_those_that_were_frozen(unseen):
+    """Promise: docs/predictions/lag.toml has not changed since it was measured, has a prediction
+    for each case, and these follow from the law."""
+    law, seen = unseen
+    digest = hashlib.sha256((ROOT / "docs/predictions/lag.toml").read_bytes()).hexdigest()
+    assert (
+        (ROOT / "docs/predictions/lag.csv")
+        .read_text()
+        .startswith(f"# sha256 of lag.toml: {digest}")
+    )
+    assert len(seen) == 8 * 2 * 2 * 2 * 8 * 3  # places, paths, windows, poles, cutoffs, thresholds
+    for each in seen:
+        for sign, width in zip(each.predicted, law.WIDTHS[1:], strict=True):
+            lag = each.window.lag_px(width) * each.poles / 2
+            crossing = {2: 1.0, 1: 3.0}[each.poles]
+            expected = "+" if lag < 0.7 * crossing else "=" if lag <= 1.4 * crossing else "-~"
+            assert sign in expected
+
+
+def test_the_page_has_the_tables_of_the_predictions(unseen, capsys):
+    """Promise: docs/what_decides.md has what `python benchmarks/lag_predictions.py` prints."""
+    law, seen = unseen
+    for poles in (2, 1):
+        law.print_shares(seen, poles)
+        assert lines_on_the_page(capsys) == (10, 10)
+    law.print_regrets(seen)
+    assert lines_on_the_page(capsys) == (7, 7)
 
 
 @pytest.mark.slow
