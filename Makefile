@@ -29,7 +29,7 @@ docs: .venv/.docs
 	@echo "eres: build/docs/index.html"
 
 answers: .venv/.ready
-	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md
+	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md docs/results_run.md
 	$(BIN)/python docs/answers.py docs/results/chip docs/what_decides.md
 
 lint: .venv/.dev

@@ -87,13 +87,26 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
 
 
 def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
-    """Return a table of all claims with their verdicts, a column for each photoreceptor."""
-    claims = next(iter(judged.values()))
-    columns = [["", *(str(one.number) for one in claims)], ["claim", *(c.title for c in claims)]]
-    for name, verdicts in judged.items():
-        heading = photoreceptor_label(name) if len(judged) > 1 else "verdict"
-        columns.append([heading, *(one.status.value for one in verdicts)])
-    return _markdown(columns)
+    """Return a table of the claims that a run measures: verdict, and what decides. Where another
+    photoreceptor changes the verdict, that is in brackets."""
+    first, *others = judged
+    columns: list[list[str]] = [[""], ["claim"], ["verdict"], ["why"]]
+    missing = {}
+    for k, one in enumerate(judged[first]):
+        if one.status is Status.NOT_MEASURED:
+            missing[str(one.number)] = None
+            continue
+        changed = {
+            name: status for name in others if (status := judged[name][k].status) != one.status
+        }
+        texts = [f"{photoreceptor_label(name)}: {status}" for name, status in changed.items()]
+        verdict = f"{one.status} ({'; '.join(texts)})" if texts else str(one.status)
+        for column, text in zip(
+            columns, (str(one.number), one.title, verdict, one.why), strict=True
+        ):
+            column.append(text)
+    table = _markdown(columns)
+    return f"{table}\n\nNot measured: {join_words([*missing])}." if missing else table
 
 
 def sample_worth(run: FinishedRun) -> str:
@@ -135,8 +148,9 @@ def ranks(run: FinishedRun) -> str:
             both = [pair for pair in pairs if None not in pair]
             rank = f"{spearmanr(both).statistic:.2f} of {len(both)}" if len(both) > 2 else MISSING
             of_series.append(rank)
+        label = TASKS[series.task].label(series.method)
         if {*of_series} != {MISSING}:
-            for column, cell in zip(columns, [series.title, *of_series], strict=True):
+            for column, cell in zip(columns, [label, *of_series], strict=True):
                 column.append(cell)
     return _markdown(columns)
 

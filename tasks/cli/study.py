@@ -245,6 +245,8 @@ def _show_claims(run: FinishedRun) -> None:
         table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", verdict.ours)
         table.add_row("   paper", verdict.paper)
+        if verdict.why:
+            table.add_row("   why", verdict.why)
         terminal.show(table)
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]

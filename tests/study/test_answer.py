@@ -38,7 +38,9 @@ def of_the_paper() -> dict[str, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/results.md", "docs/what_decides.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/results.md", "docs/results_run.md", "docs/what_decides.md"]
+)
 def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], page: str) -> None:
     """Promise: README and docs have the exact answers of docs/results/paper, or of
     docs/results/chip; if not, `make answers` rewrites them."""
@@ -214,15 +216,16 @@ def test_the_worth_of_samples_is_that_of_the_finest_lead() -> None:
 
 
 def test_all_claims_are_listed_with_their_verdicts() -> None:
-    """Promise: a line for each verdict, a column for each photoreceptor."""
-    yes, no, *_ = Status
-    first = [replace(one, title=f"claim {one.number}") for one in verdicts(yes, no)]
-    assert claim_list({"two_pole": first}).splitlines() == [
-        "|  | claim | verdict |",
-        "| --- | --- | --- |",
-        "| 1 | claim 1 | holds |",
-        "| 2 | claim 2 | does not hold |",
+    """Promise: a line for each verdict, what decides, and the verdicts that change with another
+    photoreceptor; what is not measured is only named."""
+    yes, no, _, missing, *_ = Status
+    first = [replace(v, title=f"claim {v.number}", why="lag") for v in verdicts(yes, no, missing)]
+    assert claim_list({"two_pole": first[:2]}).splitlines() == [
+        "|  | claim | verdict | why |",
+        "| --- | --- | --- | --- |",
+        "| 1 | claim 1 | holds | lag |",
+        "| 2 | claim 2 | does not hold | lag |",
     ]
-    both = claim_list({"two_pole": first, "v2e": verdicts(no, no)}).splitlines()
-    assert both[0] == "|  | claim | two poles | v2e's limit for small steps |"
-    assert both[2] == "| 1 | claim 1 | holds | does not hold |"
+    both = claim_list({"two_pole": first, "v2e": verdicts(no, no, missing)}).splitlines()
+    assert both[2] == "| 1 | claim 1 | holds (v2e's limit for small steps: does not hold) | lag |"
+    assert both[3:] == ["| 2 | claim 2 | does not hold | lag |", "", "Not measured: 3."]

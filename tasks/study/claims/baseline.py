@@ -36,6 +36,7 @@ class BaselineClaim(Claim):
 
 BEATS_DOING_NOTHING = BaselineClaim(
     number=24,
+    why="What needs event times fails when they are late.",
     title="Methods beat doing nothing",
     statement="The score is better than that of the image, flow or path that the method starts "
     "from.",

@@ -34,6 +34,8 @@ class Claim(ABC):
 
     Attributes
     ----------
+    why
+        What decides, in a sentence.
     note
         How the paper is read where it contradicts itself, and what else a reader should know.
     """
@@ -41,6 +43,7 @@ class Claim(ABC):
     number: int
     title: str
     statement: str
+    why: str = ""
     note: str = ""
 
     @abstractmethod
@@ -82,7 +85,7 @@ class Claim(ABC):
         """
         note = f"{self.note} {scope}".strip()
         said = self.number, self.title, self.statement, status_of(outcomes), ours, paper, note
-        return Verdict(*said, likeness, intervals)
+        return Verdict(*said, likeness, intervals, self.why)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,7 @@ _OURS = ({"method": "our_flow_ideal_light"}, {"method": "our_flow_all_light"})
 DENSE_FLOW_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=17,
+        why="Not known, for lack of weights.",
         title="E-RAFT: the finer, the better",
         statement="On carpet, the error falls from each width to the next finer one, at every "
         "cutoff and speed up to 1.8 m/s.",

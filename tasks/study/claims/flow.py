@@ -87,6 +87,7 @@ def suffers_less(
     quotients = [other / own for other, own in zip(photometric, growths, strict=True)]
     return SceneClaim(
         number=21,
+        why="It does not see a common delay.",
         title=f"{capitalized(name)} suffers less from low light than photometric flow",
         statement="On carpet and at every width, the error grows less from no cutoff to 50 Hz "
         f"with {name} than with photometric flow.",
@@ -107,6 +108,7 @@ def suffers_less(
 FLOW_CLAIMS: tuple[Claim, ...] = (
     _photometric(
         number=12,
+        why="Exact times make both equal.",
         title="Photometric flow in ideal light: 640 px is best",
         statement="With no cutoff, 640 px has the smallest error.",
         numbers=best_and_lead([640], IDEAL),
@@ -118,6 +120,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
     ),
     _photometric(
         number=13,
+        why="Its error is about the delay.",
         title="Photometric flow at 1280 px worsens as the light falls",
         statement="On carpet, the error at 1280 px rises from no cutoff to 200 Hz to 50 Hz.",
         scenes=("carpet",),
@@ -133,6 +136,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
     ),
     _photometric(
         number=14,
+        why="The delay exceeds the start's error: all fail.",
         title="Photometric flow at night: coarse wins on planes, fine in the room",
         statement="At 50 Hz, one of 128, 240, 346 and 640 px has a smaller error than 1280 px on "
         "carpet and rocks. In the room none of them has.",
@@ -151,6 +155,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
     ),
     _contrast(
         number=15,
+        why="It does not see a common delay.",
         title="Contrast maximization: the finest sensor is best",
         statement="On carpet, 1280 px has the smallest error at every cutoff and speed up to "
         "1.8 m/s.",
@@ -163,6 +168,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
     ),
     _contrast(
         number=16,
+        why="The size of the patch decides.",
         title="Contrast maximization at 9 m/s and night: 640 beats 1280 px",
         statement="On carpet at ten times the base speed and 50 Hz, 640 px has a smaller error "
         "than 1280 px.",

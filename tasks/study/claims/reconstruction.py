@@ -53,6 +53,7 @@ def _fine_then_coarse(
     """Return claim 10, which the paper makes of two methods."""
     return SceneClaim(
         number=10,
+        why="Equalization and decay of images decide.",
         title=f"{title}: finest in ideal light, coarse at night",
         statement=f"{subject} reconstructs best at 1280 px in ideal light and at 240 px at night.",
         series=series,
@@ -73,6 +74,7 @@ def _fine_then_coarse(
 RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     _claim(
         number=3,
+        why="Without lag only detail counts.",
         title="Ideal light: the finest sensor is best",
         statement="With no cutoff, 1280 px reconstructs best, well above 640 px.",
         numbers={
@@ -87,6 +89,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=4,
+        why="The lag is near 1 px, where widths are equal.",
         title="Daylight: the finest sensor is best, by less",
         statement="At 200 Hz, 1280 px is still best, with a smaller margin over 640 px than in "
         "ideal light.",
@@ -104,6 +107,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=5,
+        why="Ideal pixels have no lag.",
         title="Ideal light: speed does not matter",
         statement="With no cutoff, the score of each width changes by at most 0.02 dB over the "
         "three speeds.",
@@ -113,6 +117,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=6,
+        why="The best width has a lag near 1 px.",
         title="Night: an inner resolution is best",
         statement="At 50 Hz the best width is 240, 346 or 640 px, neither the coarsest nor the "
         "finest.",
@@ -123,6 +128,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=7,
+        why="The lag in px grows with the width.",
         title="Finer sensors lose more when the light falls",
         statement="The loss from no cutoff to 50 Hz grows with resolution.",
         numbers={
@@ -135,6 +141,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=8,
+        why="More pixels, each firing more.",
         title="The event rate outgrows the pixel count",
         statement="1280 px has 4 times the pixels of 640 px and fires more than 4 times the "
         "events, so each pixel fires more.",
@@ -148,6 +155,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     ),
     _claim(
         number=9,
+        why="The lag passes 1 px; one pole keeps the sign.",
         title="Daylight: the margin shrinks with speed",
         statement="At 200 Hz, the margin of 1280 over 640 px falls from each speed to the next, "
         "and is positive at all of them.",
@@ -172,6 +180,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     _fine_then_coarse("E2VID", "E2VID", E2VID, *_OTHER_VIDEO),
     SceneClaim(
         number=11,
+        why="Not known, for lack of weights.",
         title="E2VID at night: the finest sensor is worse than the coarsest",
         statement="On carpet at 50 Hz, 1280 px reconstructs worse than 128 px.",
         series=E2VID,

@@ -62,6 +62,7 @@ def _modes(on: SceneScores) -> NumberText:
 SCALING_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=1,
+        why="Smaller pixels average less texture.",
         title="The pixels of finer sensors fire more",
         statement="In ideal light the event rate of a pixel rises from each width to the next. The "
         "slope of log brightness in time follows a power law of the pixel size p: |L_t| ~ 1/p^γ "
@@ -85,6 +86,7 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
     ),
     SceneClaim(
         number=2,
+        why="Larger changes cross more thresholds.",
         title="Events follow each other faster on finer sensors",
         statement="The most common time between consecutive events of a pixel falls with "
         "resolution and never rises from one width to the next, in ideal light, at lower cutoffs "

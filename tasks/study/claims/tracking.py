@@ -53,6 +53,7 @@ class TrackingClaim(SceneClaim):
 TRACKING_CLAIMS: tuple[Claim, ...] = (
     TrackingClaim(
         number=18,
+        why="Without delay only detail counts.",
         title="Pose tracking in ideal light: the finest sensor is best",
         statement="With no cutoff, 1280 px has the smallest position error.",
         numbers=best_and_lead([1280], IDEAL),
@@ -61,6 +62,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
     ),
     TrackingClaim(
         number=19,
+        why="The error is speed times delay at any width.",
         title="Pose tracking on rocks: the finest sensor suffers at night, 346 px is best",
         statement="On rocks, the error at 1280 px grows from no cutoff to 50 Hz, and at 50 Hz "
         "346 px has the smallest error.",
@@ -78,6 +80,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
     ),
     TrackingClaim(
         number=20,
+        why="The error is speed times delay at any width.",
         title="Pose tracking on carpet at night: the finest sensor is best only when slow",
         statement="On carpet at 50 Hz, 1280 px has the smallest error at base speed, but not at "
         "speed 2.",

@@ -39,6 +39,7 @@ def _overcomes(title: str, statement: str, series: Series, twin: str, note: str)
     }
     return SceneClaim(
         number=23,
+        why="It differs by scene and training.",
         title=title,
         statement=statement,
         series=series,

@@ -39,6 +39,8 @@ class Verdict:
         interval.
     intervals
         Number of intervals that could have contradicted the claim.
+    why
+        What decides, in a sentence; "" if the claim does not say it.
     """
 
     number: int
@@ -50,6 +52,7 @@ class Verdict:
     note: str
     likeness: str = ""
     intervals: int = 0
+    why: str = ""
 
 
 def threshold_note(scores: Sequence[Scores]) -> str:
