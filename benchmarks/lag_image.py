@@ -1,6 +1,7 @@
 """Judge the widths that `eres advise --image` chooses, on photographs that move past sensors.
 
-    python benchmarks/lag_image.py FOLDER [--threshold 0.2] [--photoreceptor two_pole]
+    python benchmarks/lag_image.py FOLDER
+    python benchmarks/lag_image.py FOLDER --only MtTamWest --threshold 0.02 --contrast 0.1
 
 reads the photographs of `PHOTOGRAPHS` in a folder, and downloads those that it lacks. Each is cut
 to a square, averaged to 480 px and continued by its mirror image. It moves in five directions, so
@@ -10,13 +11,16 @@ is simulated and scored, and compared with what the first image of its window pr
 
 It prints Markdown tables: by rule, how much worse than the best of the three widths its choice is;
 by image, the same of the prediction, how often it ranks neighboring widths as the simulation does,
-and the error of their margins; and the worst cases.
+and the error of their margins; and the worst cases. Options change the sensor and the contrast, to
+see what errors are due to: a small threshold has no memory, and of a small contrast the logarithm
+is linear.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import math
 import sys
 import urllib.request
@@ -118,8 +122,8 @@ class Track:
         return np.stack(views)
 
 
-def photograph(folder: Path, entry: tuple[str, ...]) -> Track:
-    """Read a photograph, or download it."""
+def photograph(folder: Path, entry: tuple[str, ...], contrast: float) -> Track:
+    """Read a photograph, or download it; its log light is multiplied by a contrast."""
     repository, commit, path, _, digest = entry
     file = folder / Path(path).name
     if not file.exists():
@@ -133,19 +137,20 @@ def photograph(folder: Path, entry: tuple[str, ...]) -> Track:
     side = min(light.shape)
     top, left = ((size - side) // 2 for size in light.shape)
     averaged = integrate(light[top : top + side, left : left + side], _SIDE, _SIDE)
-    quarter = np.log(averaged + _DARK)
+    quarter = contrast * np.log(averaged + _DARK)
     half = np.hstack([quarter, quarter[:, ::-1]])
     return Track(np.vstack([half, half[::-1]]), _SIDE)
 
 
-def tracks(folder: Path) -> Iterator[tuple[str, Track]]:
+def tracks(folder: Path, only: list[str], contrast: float) -> Iterator[tuple[str, Track]]:
     """Yield each image with its name."""
     for entry in PHOTOGRAPHS:
-        yield Path(entry[2]).stem, photograph(folder, entry)
-    for kind in TEXTURES:
-        for seed in SEEDS:
-            log_light = np.fft.ifft2(texture(kind, seed)).real
-            yield f"{kind} {seed}", Track(log_light, len(log_light))
+        if (name := Path(entry[2]).stem) in only or not only:
+            yield name, photograph(folder, entry, contrast)
+    for kind, seed in itertools.product(TEXTURES, SEEDS):
+        if (name := f"{kind} {seed}") in only or not only:
+            log_light = contrast * np.fft.ifft2(texture(kind, seed)).real
+            yield name, Track(log_light, len(log_light))
 
 
 def cases_of(name: str, track: Track, threshold: float, photoreceptor: str) -> Iterator[Case]:
@@ -226,13 +231,15 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of the photographs")
     parser.add_argument("--threshold", type=float, default=0.2, help="log units")
     parser.add_argument("--photoreceptor", default="two_pole", choices=("two_pole", "one_pole"))
+    parser.add_argument("--contrast", type=float, default=1.0, help="factor on the log light")
+    parser.add_argument("--only", nargs="+", default=[], help="names of images")
     given = parser.parse_args()
     cases = []
-    for name, track in tracks(given.folder):
+    for name, track in tracks(given.folder, given.only, given.contrast):
         cases += cases_of(name, track, given.threshold, given.photoreceptor)
     textures = [case for case in cases if case.image.rstrip(" 0123456789") in TEXTURES]
     photographs = [case for case in cases if case not in textures]
-    for each in (photographs, textures):
+    for each in filter(None, (photographs, textures)):
         print_rules(each)
     print_images(cases)
 
