@@ -13,7 +13,20 @@ NEAR_PX = (0.7, 1.4)
 
 
 def delay_s(cutoff_hz: float, poles: int = 2) -> float:
-    """Return the delay of poles of one corner frequency, 1 / (2 pi f) each, s."""
+    """Return the delay of poles of one corner frequency, 1 / (2 pi f) each.
+
+    Parameters
+    ----------
+    cutoff_hz
+        The corner frequency, Hz.
+    poles
+        Their number.
+
+    Returns
+    -------
+    float
+        Delay, s.
+    """
     return poles / (2 * math.pi * cutoff_hz)
 
 

@@ -26,7 +26,7 @@ _SAMPLES = 128  # of a row of the image
 _BINS_PX = 8192  # frequencies along the motion, cycles per so many px
 
 
-def read_picture(file: Path, width: int) -> Floats:
+def read_picture(file: str | Path, width: int) -> Floats:
     """Read an image of a scene as a sensor without noise would see it.
 
     Parameters
@@ -46,6 +46,7 @@ def read_picture(file: Path, width: int) -> Floats:
     TaskError
         The file is no image, is narrower than `width`, or has pixels that hold no light.
     """
+    file = Path(file)
     coded = next(read_images([file]))
     encoding, white = coding_of(coded, None, "srgb", file)
     light = Luminance(encoding)(coded)
@@ -55,18 +56,20 @@ def read_picture(file: Path, width: int) -> Floats:
             f"{file}: is {columns} px wide; give an image of at least {width} px, the finest width"
         )
     mended = Mender(white)(file, light).astype(np.float64)
-    averaged = _averaged(_averaged(mended, width).T, round(rows * width / columns)).T
+    averaged = _averaged(mended, round(rows * width / columns), width)
     return np.minimum(averaged / white_level(averaged), 1.0)
 
 
-def _averaged(image: Floats, width: int) -> Floats:
-    """Return an image whose rows are averaged to a smaller number of equal pixels."""
-    sums = np.pad(np.cumsum(image, axis=1), ((0, 0), (1, 0)))
-    edges = np.linspace(0, image.shape[1], width + 1)
-    whole = np.minimum(edges.astype(int), image.shape[1] - 1)
-    return np.diff(sums[:, whole] + (edges - whole) * image[:, whole], axis=1) * (
-        width / image.shape[1]
-    )
+def _averaged(image: Floats, height: int, width: int) -> Floats:
+    """Return an image that is averaged to fewer equal pixels."""
+    for count in (width, height):
+        samples = image.shape[1]
+        sums = np.pad(np.cumsum(image, axis=1), ((0, 0), (1, 0)))
+        edges = np.linspace(0, samples, count + 1)
+        whole = np.minimum(edges.astype(int), samples - 1)
+        parts = np.diff(sums[:, whole] + (edges - whole) * image[:, whole], axis=1)
+        image = (parts * (count / samples)).T
+    return image
 
 
 class MovingImage:
@@ -142,9 +145,8 @@ class MovingImage:
         )
         box = np.outer(box_y**2, box_x**2)
         whole, crossed = box * np.outer(all_y, all_x), np.outer(box_y * up_y, box_x * up_x)
-        image = _averaged(
-            _averaged(self._image, width).T, round(len(self._image) * width / self._width)
-        ).T
+        height = round(len(self._image) * width / self._width)
+        image = _averaged(self._image, height, width)
         errors = np.zeros(len(lags_px))
         for angle, bins, change in self._motions:
             path = self._path_px * width / self._width
