@@ -39,6 +39,7 @@ ALONE = {
     "sensors": "davis346",
     "methods": "photometric_flow",
     "advise --sensor gen4-cd --speed 0.5 --distance 0.5 --lux 100": "choose 640x360",
+    "advise --speed 1 --distance 1 --lux 9 --widths 16 32 --image jpg/0.jpg": ": by the image",
     "stereo carpet --baseline 0.1 --out second.txt": "second.txt: ",
     "simulate png --fps 500 --out e.h5": "e.h5: ",
     **{f"simulate {kind} --fps 500 --out {kind}.h5": f"{kind}.h5: " for kind in ("jpg", "tif")},

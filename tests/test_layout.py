@@ -129,7 +129,7 @@ WINGS = {
     "tasks.recording": {
         *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods", "tasks.numerics"),
     },
-    "tasks.advice": {"tasks.study.results"},
+    "tasks.advice": {"tasks.footage", "tasks.study.results"},
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.events"},

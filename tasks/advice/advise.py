@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 
 from eres_render.errors import check_positive
@@ -18,6 +19,8 @@ from tasks.errors import TaskError
 WIDTHS = (128, 240, 346, 640, 1280)
 FOV_DEG = 60.0
 """Field of view if none is given: that of the packaged scenes."""
+WINDOW_S = 0.05
+"""Length of the window of a reconstruction if none is given: that of the study."""
 EXPONENTS = (0.0, 1.0)
 """Ends between which the exponent of the photodiode's area in the cutoff lies."""
 
@@ -41,6 +44,13 @@ class View:
         Light on the scene, lux; None for `cutoff`, or the camera's own.
     cutoff
         Cutoff in place of `lux`, Hz: that of the finest sensor.
+    image
+        Image of it, as wide as the field of view, which decides in place of the law; or None. With
+        it, photoreceptors may have one pole.
+    direction
+        Where that image moves, degrees, as for `tasks.advice.spectrum.MovingImage`.
+    window
+        Length of the window of a reconstruction, s.
 
     Raises
     ------
@@ -53,9 +63,12 @@ class View:
     fov: float = FOV_DEG
     lux: float | None = None
     cutoff: float | None = None
+    image: Path | None = None
+    direction: float | None = None
+    window: float = WINDOW_S
 
     def __post_init__(self) -> None:
-        for name in ("speed", "distance", "lux", "cutoff"):
+        for name in ("speed", "distance", "lux", "cutoff", "window"):
             if (value := getattr(self, name)) is not None:
                 check_positive(name, value, TaskError)
         if not 0 < self.fov < 180:
@@ -73,10 +86,12 @@ class View:
 
         If it is lent, and the area of the photodiodes is unknown, only the first is known.
         """
-        if camera.photoreceptor != "two_pole":
+        if camera.photoreceptor != "two_pole" and not (
+            self.image and camera.photoreceptor == "one_pole"
+        ):
             raise TaskError(
-                f"{camera.name}: the law is about photoreceptors of two poles, and this one is "
-                f"{camera.photoreceptor!r}"
+                f"{camera.name}: the law is about photoreceptors of two poles, --image also about "
+                f"those of one, and this one is {camera.photoreceptor!r}"
             )
         if self.lux is not None:
             known = camera.area_um2 is not None or not camera.borrows_cutoff
@@ -107,6 +122,13 @@ class Sensor:
         Share of these in which the finer sensor has the better image; None without any.
     margin_db
         Their median PSNR of the finer minus that of the coarser, dB.
+    contrast_threshold
+        Of ON events, log units.
+    poles
+        Number of poles of its photoreceptor; the stored cases have two.
+    predicted_db
+        For each of `lags_px`, the PSNR of event integration as the image predicts it, dB; none
+        without an image.
     """
 
     name: str
@@ -120,6 +142,9 @@ class Sensor:
     cases: int
     finer_won: float | None
     margin_db: float | None
+    contrast_threshold: float
+    poles: int
+    predicted_db: tuple[float, ...] = ()
 
     @property
     def right(self) -> float | None:
@@ -159,10 +184,11 @@ class Advice:
         For each of `EXPONENTS` that has the lags of all sensors.
     right
         Share of stored cases in which the law is right, near the lag of the first choice or near
-        that of the next finer sensor: the smaller of both; None if there are no cases near one.
+        that of the next finer sensor: the smaller of both; None if there are no cases near one, or
+        if an image decides.
     nearest
         Medians of the stored cases most like the step from the first choice to the next finer
-        sensor, or to the choice if that is the finest; None for a single sensor.
+        sensor, or to the choice if that is the finest; None for a single sensor, or one pole.
     """
 
     sensors: tuple[Sensor, ...]
@@ -226,7 +252,7 @@ def ladder(view: View, chip: EventCamera, widths: Iterable[int]) -> list[Sensor]
         check_positive("widths", width, TaskError)
         faster = [cutoff_hz * (full / width) ** (2 * g) for g, cutoff_hz in ends]
         size = width, max(1, round(width * height / full))
-        sensors.append(_sensor(view, "x".join(map(str, size)), size, faster, chip.bus_hz))
+        sensors.append(_sensor(view, "x".join(map(str, size)), size, faster, chip))
     return sensors
 
 
@@ -256,18 +282,19 @@ def line_up(view: View, cameras: Iterable[EventCamera]) -> list[Sensor]:
             raise TaskError(
                 f"{one.name} and {other.name} both have {one.width} px; compare different widths"
             )
-    return [_sensor(view, one.name, one.size, view.cutoffs_hz(one), one.bus_hz) for one in ordered]
+    return [_sensor(view, one.name, one.size, view.cutoffs_hz(one), one) for one in ordered]
 
 
 def _sensor(
-    view: View, name: str, size: tuple[int, int], cutoffs_hz: Sequence[float], bus_hz: float
+    view: View, name: str, size: tuple[int, int], cutoffs_hz: Sequence[float], camera: EventCamera
 ) -> Sensor:
     width, height = size
     speed_px_s = view.speed_px_s(width)
-    lags_px = tuple(lag_px(speed_px_s, cutoff_hz) for cutoff_hz in cutoffs_hz)
+    poles = 2 if camera.photoreceptor == "two_pole" else 1
+    lags_px = tuple(lag_px(speed_px_s, cutoff_hz, poles) for cutoff_hz in cutoffs_hz)
     events = [one for lag in {*lags_px} for one in _events_per_px(width, lag)]
     rates = [width * height * speed_px_s * one for one in events]
-    near = _near(lags_px[0])
+    near = _near(lags_px[0]) if poles == 2 else []
     return Sensor(
         name=name,
         width=width,
@@ -276,10 +303,12 @@ def _sensor(
         cutoffs_hz=tuple(cutoffs_hz),
         lags_px=lags_px,
         events_hz=(min(rates), max(rates)) if rates else None,
-        bus_hz=bus_hz,
+        bus_hz=camera.bus_hz,
         cases=len(near),
         finer_won=sum(case.finer_won for case in near) / len(near) if near else None,
         margin_db=median(case.margin_db for case in near) if near else None,
+        contrast_threshold=camera.contrast_threshold,
+        poles=poles,
     )
 
 
@@ -301,6 +330,21 @@ def _events_per_px(width: int, lag: float) -> Iterator[float]:
         if max(found)[0] > lag / _NEAR:
             nearest = sorted(found, key=lambda one: abs(one[0] - lag))[:_FEW]
             yield median(events for _, events in nearest)
+
+
+def _predicted(view: View, image: Path, sensors: Sequence[Sensor]) -> list[Sensor]:
+    """Return sensors with the PSNR that an image predicts."""
+    from tasks.advice.spectrum import MovingImage, read_picture  # here: it takes a while to import
+
+    *_, finest = sensors
+    picture = read_picture(image, finest.width)
+    moving = MovingImage(picture, view.window * finest.speed_px_s, view.direction)
+    found = []
+    for one in sensors:
+        lags_px = [lag * finest.width / one.width for lag in one.lags_px]
+        psnr_db = moving.psnr_db(one.width, lags_px, one.contrast_threshold, one.poles)
+        found.append(replace(one, predicted_db=tuple(psnr_db)))
+    return found
 
 
 def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
@@ -327,19 +371,23 @@ def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
     ['640x360', '346x195']
     """
     best, choices = [], []
-    columns = zip(*(sensor.lags_px for sensor in sensors), strict=False)
-    for k, (exponent, lags_px) in enumerate(zip(EXPONENTS, columns, strict=False)):
-        best.append(chosen(lags_px))
-        delay = delay_s(sensors[best[k]].cutoffs_hz[k])
+    if view.image is not None:
+        sensors = _predicted(view, view.image, sensors)
+    columns = zip(*(sensor.predicted_db or sensor.lags_px for sensor in sensors), strict=False)
+    for k, (exponent, column) in enumerate(zip(EXPONENTS, columns, strict=False)):
+        best.append(column.index(max(column)) if view.image else chosen(column))
+        delay = delay_s(sensors[best[k]].cutoffs_hz[k], sensors[best[k]].poles)
         choices.append(Choice(exponent, sensors[best[k]].name, delay, view.speed * delay))
     steps = sensors[max(best[0], 1) : best[0] + 2]
-    right = [one.right for one in steps if one.right is not None]
+    right = [one.right for one in steps if one.right is not None and not view.image]
     last = min(best[0] + 1, len(sensors) - 1)
     return Advice(
         sensors=tuple(sensors),
         choices=tuple(choices),
         right=min(right) if right and len(right) == len(steps) else None,
-        nearest=_nearest(sensors[last - 1], sensors[last]) if last else None,
+        nearest=_nearest(sensors[last - 1], sensors[last])
+        if last and sensors[last].poles == 2
+        else None,
     )
 
 

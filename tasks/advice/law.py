@@ -12,12 +12,25 @@ NEAR_PX = (0.7, 1.4)
 """Lags around it, px, at which the law does not decide."""
 
 
-def delay_s(cutoff_hz: float) -> float:
-    """Return the delay of two poles of one corner frequency, 2 / (2 pi f), s."""
-    return 1 / (math.pi * cutoff_hz)
+def delay_s(cutoff_hz: float, poles: int = 2) -> float:
+    """Return the delay of poles of one corner frequency, 1 / (2 pi f) each.
+
+    Parameters
+    ----------
+    cutoff_hz
+        The corner frequency, Hz.
+    poles
+        Their number.
+
+    Returns
+    -------
+    float
+        Delay, s.
+    """
+    return poles / (2 * math.pi * cutoff_hz)
 
 
-def lag_px(speed_px_s: float, cutoff_hz: float) -> float:
+def lag_px(speed_px_s: float, cutoff_hz: float, poles: int = 2) -> float:
     """Return how far an image moves during the delay of the pixels that see it.
 
     Parameters
@@ -25,7 +38,9 @@ def lag_px(speed_px_s: float, cutoff_hz: float) -> float:
     speed_px_s
         Speed of the image, px/s of the sensor.
     cutoff_hz
-        Corner frequency of each of its two poles, Hz; inf for pixels without delay.
+        Corner frequency of each of its poles, Hz; inf for pixels without delay.
+    poles
+        Their number.
 
     Returns
     -------
@@ -38,7 +53,7 @@ def lag_px(speed_px_s: float, cutoff_hz: float) -> float:
     >>> round(lag_px(550, 200), 3)  # the paper's carpet by day, 1280 px
     0.875
     """
-    return speed_px_s * delay_s(cutoff_hz)
+    return speed_px_s * delay_s(cutoff_hz, poles)
 
 
 def finer_wins(lag: float, crossing_px: float = CROSSING_PX) -> bool:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
@@ -19,13 +20,21 @@ from tasks.errors import TaskError
 if TYPE_CHECKING:
     from tasks.advice.advise import Advice, Sensor
 
-_NOTES = """
+_NEAR_DB = 0.1  # margins that decide nothing
+_HEAD = """
 Hz, lag: if the cutoff does not depend on the area of a pixel, and if it is
-proportional to it. Finer wins, by dB: event integration against the next
+proportional to it."""
+_BY_LAW = """Finer wins, by dB: event integration against the next
 coarser sensor, in stored cases near the first lag. Mev/s: what stored scenes
 say for a contrast threshold of 0.2. Two equal poles are assumed. A coarser
 sensor has larger pixels: merging or cropping the events of a fine one does
 not make it."""
+_BY_IMAGE = """PSNR: of event integration at the finest width, as the
+spectrum of the image predicts it for both. The image is taken to be as wide
+as the field of view and, unless its pixels are floats, to be sRGB: its camera
+may have another curve. Mev/s: what stored scenes say for a contrast threshold
+of 0.2. A coarser sensor has larger pixels: merging or cropping the events of
+a fine one does not make it."""
 
 
 def advise(
@@ -38,14 +47,18 @@ def advise(
     sensor: Annotated[tuple[str, ...], arg(metavar="CAMERA...", help_behavior_hint="")] = (),
     pitch: float | None = None,
     widths: Annotated[tuple[int, ...], arg(metavar="INT...", help_behavior_hint="")] = (),
+    image: Path | None = None,
+    direction: float | None = None,
+    window: float | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Say which width to choose for a speed, a distance, a lens and a light.
 
     The lag of a sensor is how far the image moves during the delay of its pixels. The finer of two
     widths has the better images by event integration if its lag is less than 1 px: see
-    docs/what_decides.md. The lag and the choice are given for a cutoff that does not depend on the
-    area of a pixel (area^0), and for one that is proportional to it (area^1).
+    docs/what_decides.md. With an image of the scene, its spectrum decides in place of that rule,
+    also for photoreceptors of one pole. The lag and the choice are given for a cutoff that does not
+    depend on the area of a pixel (area^0), and for one that is proportional to it (area^1).
 
     Parameters
     ----------
@@ -68,9 +81,16 @@ def advise(
         Side of a pixel of the finest sensor, um, to go with a focal length without a camera.
     widths
         Widths to compare, px; by default 128, 240, 346, 640 and 1280, up to that of the camera.
+    image
+        Image of the scene, as wide as the field of view and as the finest width: sRGB, or EXR.
+    direction
+        Where it moves: 0 along its rows, 90 along its columns, degrees; by default the mean of the
+        squared errors at 0, 45, 90 and 135.
+    window
+        Length of the window whose events are added up, s; 0.05 by default, as in the study.
     """
     from sensor.cameras import find_camera, plain_camera
-    from tasks.advice.advise import FOV_DEG, WIDTHS, View, fov_of, ladder, line_up
+    from tasks.advice.advise import FOV_DEG, WIDTHS, WINDOW_S, View, fov_of, ladder, line_up
     from tasks.advice.advise import advise as advise_of
 
     cameras = [*map(find_camera, sensor)]
@@ -80,6 +100,9 @@ def advise(
     ):
         if both:
             raise TaskError(f"give --{one} or --{other}, not both")
+    for option, value in (("direction", direction), ("window", window)):
+        if value is not None and image is None:
+            raise TaskError(f"--{option} is only for --image")
     if len(cameras) > 1 and (focal_length is not None or widths):
         raise TaskError(
             "several cameras are compared as they are in one field of view: give --fov, and "
@@ -91,7 +114,14 @@ def advise(
     if focal_length is not None:
         fov = fov_of(full, chip.pitch_um, focal_length)
     view = View(
-        speed=speed, distance=distance, fov=FOV_DEG if fov is None else fov, lux=lux, cutoff=cutoff
+        speed=speed,
+        distance=distance,
+        fov=FOV_DEG if fov is None else fov,
+        lux=lux,
+        cutoff=cutoff,
+        image=image,
+        direction=direction,
+        window=WINDOW_S if window is None else window,
     )
     if len(cameras) > 1:
         found = line_up(view, cameras)
@@ -101,12 +131,15 @@ def advise(
     if as_json:
         terminal.show_json(advice)
         return
-    table = Table("sensor", "px/s", "Hz", "lag, px", "finer wins", "dB", "Mev/s", "bus", box=None)
+    rule = ("PSNR, dB",) if image else ("finer wins", "dB")
+    table = Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus", box=None)
     for each in advice.sensors:
         table.add_row(*_cells(each))
-    terminal.say(f"{speed:g} m/s at {distance:g} m, {view.fov:.3g} degrees")
+    seen = f", {image.name}" if image else ""
+    where = "" if direction is None else f" along {direction:g} degrees"
+    terminal.say(f"{speed:g} m/s at {distance:g} m, {view.fov:.3g} degrees{seen}{where}")
     terminal.show(table)
-    terminal.say("", *_words(advice), _NOTES)
+    terminal.say("", *_words(advice), f"{_HEAD} {_BY_IMAGE if image else _BY_LAW}")
 
 
 def _cells(sensor: Sensor) -> Iterator[str]:
@@ -120,8 +153,12 @@ def _cells(sensor: Sensor) -> Iterator[str]:
     yield _short(sensor.speed_px_s)
     yield ", ".join(dict.fromkeys(map(_short, sensor.cutoffs_hz)))
     yield ", ".join(dict.fromkeys(f"{lag:.2f}" for lag in sensor.lags_px))
-    yield "-" if sensor.finer_won is None else f"{100 * sensor.finer_won:.0f} % of {sensor.cases}"
-    yield "-" if sensor.margin_db is None else f"{sensor.margin_db:+.2f}"
+    if sensor.predicted_db:
+        yield ", ".join(f"{one:.2f}" for one in sensor.predicted_db)
+    else:
+        won = sensor.finer_won
+        yield "-" if won is None else f"{100 * won:.0f} % of {sensor.cases}"
+        yield "-" if sensor.margin_db is None else f"{sensor.margin_db:+.2f}"
     yield rates
     yield bus
 
@@ -134,16 +171,29 @@ def _short(value: float, digits: int = 3) -> str:
 def _words(advice: Advice) -> Iterator[str]:
     """Yield what to choose, how sure that is, and where to see it."""
     first, *others = advice.choices
+    names = [sensor.name for sensor in advice.sensors]
+    index = names.index(first.sensor)
+    predicted = [sensor.predicted_db[0] for sensor in advice.sensors if sensor.predicted_db]
     share = "no stored case has nearly its lag"
     if advice.right is not None:
         share = f"the law is right in {100 * advice.right:.0f} % of stored cases near these lags"
+    if predicted:
+        share = "by the image"
+        if rest := [
+            (one, name) for one, name in zip(predicted, names, strict=True) if name != first.sensor
+        ]:
+            second, name = max(rest)
+            share += f", which predicts {predicted[index] - second:+.2f} dB over {name}"
     yield f"choose {first.sensor}: {share}"
     for one in others:
         if one.sensor != first.sensor:
             yield f"or {one.sensor}, if the cutoff is proportional to the area of a pixel"
-    index = [sensor.name for sensor in advice.sensors].index(first.sensor)
     for coarser, finer in pairwise(advice.sensors[max(index - 1, 0) : index + 2]):
-        if NEAR_PX[0] <= finer.lags_px[0] <= NEAR_PX[1]:
+        if predicted:
+            is_near = abs(finer.predicted_db[0] - coarser.predicted_db[0]) < _NEAR_DB
+        else:
+            is_near = NEAR_PX[0] <= finer.lags_px[0] <= NEAR_PX[1]
+        if is_near:
             yield f"{finer.name} is about as good as {coarser.name}, which has fewer events"
     yield f"delay {_short(1e3 * first.delay_s)} ms, or {_short(1e3 * first.late_m)} mm of the way"
     if case := advice.nearest:

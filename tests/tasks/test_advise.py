@@ -2,18 +2,35 @@
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from another_process import ROOT, run_python
 from sensor import find_camera
 from sensor.cameras import plain_camera
 from tasks.advice.advise import View, advise, fov_of, ladder, line_up
+from tasks.advice.spectrum import MovingImage, read_picture
 from tasks.advice.stored import stored_cells, stored_windows
 from tasks.cli import main
 from tasks.errors import TaskError
 
+GOLDEN = 9.47
+"""PSNR that the waves predict for 640 px at a lag of 2 px, dB."""
 ASK = "--speed", "0.5", "--distance", "0.5"
+
+
+@pytest.fixture(scope="module")
+def waves(tmp_path_factory):
+    """Return a gray PNG of 640 x 400 px: waves of 24 px along x, and of 3 px along y."""
+    x, y = np.arange(640), np.arange(400)[:, None]
+    codes = 120 + 60 * np.sin(x * np.pi / 12) + 40 * np.sin(y * 2 * np.pi / 3)
+    file = tmp_path_factory.mktemp("image") / "waves.png"
+    Image.fromarray(codes.astype(np.uint8)).save(file)
+    return str(file)
 
 
 @pytest.fixture
@@ -140,14 +157,64 @@ def test_json_has_the_same_numbers(eres):
         (("--lux", "9", "--sensor", "davis346", "--pitch", "9"), "--sensor or --pitch"),
         (("--lux", "9", "--sensor", "davis346", "gen4-cd", "--widths", "9"), "--widths"),
         (("--lux", "9", "--sensor", "gen3-cd", "dvxplorer"), "gen3-cd and dvxplorer"),
+        (("--lux", "9", "--direction", "0"), "--direction is only for --image"),
+        (("--lux", "9", "--window", "0.1"), "--window is only for --image"),
+        (("--lux", "9", "--image", "none.png"), "none.png"),
+        (("--lux", "9", "--image", __file__), "test_advise.py: expected an extension"),
+        (("--lux", "9", "--image", "{folder}/text.png"), "text.png: is not a complete PNG"),
+        (("--lux", "9", "--image", "{folder}/waves.png"), "at least 1280 px"),
+        (("--lux", "9", "--image", "{folder}/waves.png", "--window", "0"), "--window: found 0"),
     ],
 )
-def test_bad_input_is_one_line(eres, options, name):
+def test_bad_input_is_one_line(eres, waves, options, name):
     """Promise: exit code 1, and a line that names the option."""
-    code, out, err = eres(*ASK, *options)
+    folder = Path(waves).parent
+    (folder / "text.png").write_text("no image")
+    code, out, err = eres(*ASK, *(one.format(folder=folder) for one in options))
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert err.startswith("error: ")
     assert name in err
+
+
+def test_an_image_decides_in_place_of_the_law(eres, waves):
+    """Promise: waves that are coarse along the motion let 640 px win at a lag of 1.8 px, and those
+    that are fine let 128 px; the words say which rule chose, in 80 columns."""
+    options = "--cutoff", "100", "--widths", "128", "320", "640"
+    assert "choose 320x320: the law" in eres(*ASK, *options)[1]
+    for direction, words in (("0", "choose 640x640: by the image"), ("90", "choose 128x128: by ")):
+        code, out, _ = eres(*ASK, *options, "--image", waves, "--direction", direction)
+        assert code == 0
+        assert f"60 degrees, waves.png along {direction} degrees" in out
+        assert words in out
+        assert max(map(len, out.splitlines())) <= 80
+
+
+def test_predictions_are_those_of_the_spectrum(eres, waves):
+    """Promise: JSON has a PSNR for each width and cutoff, of the light, path and lag asked for."""
+    options = "--cutoff", "88", "--widths", "320", "640", "--window", "0.02"
+    _, out, _ = eres(*ASK, *options, "--image", waves, "--json")
+    found = json.loads(out)
+    speed_px_s = 320 / math.tan(math.radians(30))
+    moving = MovingImage(read_picture(Path(waves), 640), 0.02 * speed_px_s)
+    for one, cutoffs_hz in zip(found["sensors"], ((88, 4 * 88), (88, 88)), strict=True):
+        lags_px = [speed_px_s / (math.pi * cutoff_hz) for cutoff_hz in cutoffs_hz]
+        assert one["predicted_db"] == pytest.approx(moving.psnr_db(one["width"], lags_px))
+    assert found["sensors"][1]["predicted_db"][0] == pytest.approx(GOLDEN, abs=0.01)
+    assert found["right"] is None
+    with_law = json.loads(eres(*ASK, "--cutoff", "88", "--widths", "320", "640", "--json")[1])
+    assert [one["predicted_db"] for one in with_law["sensors"]] == [[], []]
+
+
+def test_an_image_allows_one_pole(waves):
+    """Promise: with an image, photoreceptors of one pole have a choice, from half the delay; stored
+    cases are not theirs."""
+    camera = replace(plain_camera(640), photoreceptor="one_pole")
+    view = View(speed=0.5, distance=0.5, cutoff=88, image=Path(waves), direction=0.0)
+    advice = advise(view, ladder(view, camera, [320, 640]))
+    finest = advice.sensors[-1]
+    assert finest.lags_px[0] == pytest.approx(finest.speed_px_s / (2 * math.pi * 88))
+    assert advice.choices[0].delay_s == pytest.approx(1 / (2 * math.pi * 88))
+    assert (advice.nearest, finest.cases) == (None, 0)
 
 
 def test_one_pole_is_refused():
@@ -157,11 +224,17 @@ def test_one_pole_is_refused():
         ladder(View(speed=1.0, distance=1.0, lux=100), camera, [346])
 
 
-def test_it_answers_at_once():
+@pytest.mark.parametrize("has_image", [False, True])
+def test_it_answers_at_once(has_image, tmp_path):
     """Promise: in less than a second of CPU time, without what simulating and plotting load."""
+    light = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
+    file = tmp_path / "photograph.png"
+    Image.fromarray(light).save(file)
+    options = ("--image", str(file)) if has_image else ()
     code = (
         "import atexit, sys, time; from tasks.cli import main; "
-        f"sys.argv = ['eres', 'advise', *{ASK}, '--lux', '100', '--sensor', 'gen4-cd']; "
+        f"sys.argv = ['eres', 'advise', *{(*ASK, *options)}, '--lux', '100', '--sensor', "
+        "'gen4-cd']; "
         "slow = 'numba', 'scipy', 'cv2', 'pyarrow'; "
         "atexit.register(lambda: print(time.process_time(), {*slow} & {*sys.modules})); main()"
     )
