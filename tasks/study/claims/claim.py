@@ -93,6 +93,8 @@ class SceneClaim(Claim):
     beside
         Further series to print, each by its difference from `series`, such as {"method": "..."} or
         {"variant": "..."}. They show whether the claim would hold there, but do not decide it.
+    beside_everywhere
+        Whether these are printed on all scenes of the run, not only on those of the claim.
     mean
         Name of a number; its mean over the scenes is printed too.
     """
@@ -103,6 +105,7 @@ class SceneClaim(Claim):
     paper: str = ""
     scenes: tuple[str, ...] = ()
     beside: tuple[Mapping[str, str], ...] = ()
+    beside_everywhere: bool = False
     mean: str = ""
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
@@ -151,10 +154,9 @@ class SceneClaim(Claim):
         others = [series._replace(**change) for change in self.beside]
         scenes = dict.fromkeys(scene for each in (series, *others) for scene in scores.scenes(each))
         for scene in scenes:
-            if self.scenes and scene not in self.scenes:
-                continue
+            is_claimed = not self.scenes or scene in self.scenes
             on = SceneScores(scores, series, scene, scaling.get(scene))
-            if scene in scores.scenes(series):
+            if is_claimed and scene in scores.scenes(series):
                 try:
                     reading = self._reading(on)
                 except NotMeasured as reason:
@@ -162,7 +164,7 @@ class SceneClaim(Claim):
                 readings[scene] = reading
                 fails = reading.status is Status.DOES_NOT_HOLD
                 lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
-            for other in others:
+            for other in others if is_claimed or self.beside_everywhere else ():
                 with suppress(NotMeasured):
                     reading = self._reading(replace(on, series=other))
                     lines.append(f"{scene}, {other.name}: {reading.text} ({reading.status})")
