@@ -149,5 +149,5 @@ def _sets(job: Job, out: Path, white_level: float) -> dict[Path, Setting]:
 
 
 def _file_name(at: Setting) -> str:
-    light = "" if math.isinf(at.model.cutoff_hz) else f"_{at.speed:.3g}"
-    return f"events_{at.model.cutoff_hz:g}_C{at.model.contrast_threshold:g}{light}.h5"
+    speed = "" if math.isinf(at.model.cutoff_hz) else f"_x{at.speed:.3g}"
+    return f"events_{at.model.cutoff_hz:g}_C{at.model.contrast_threshold:g}{speed}.h5"
