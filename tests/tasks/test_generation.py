@@ -110,14 +110,17 @@ simulate = {widths = [32, 64], cutoffs_hz = [inf, 200], speeds = [1.0, 2.0]}
 """
 
 
-def test_the_sets_of_a_study_are_whole_and_continue_to_the_same_bytes(tmp_path, eres, monkeypatch):
+def test_the_sets_of_a_study_are_whole_and_continue_to_the_same_bytes(
+    tmp_path, eres, monkeypatch, caplog
+):
     """Promise: a set for each width, light and speed, and one in ideal light; stopped in the third
     set and continued, all files are those of a dataset that was not stopped."""
     (tmp_path / "mine.toml").write_text(STUDY)
     options = ["--study", tmp_path / "mine.toml", "--seconds", 0.02, "--truth", 0.01]
-    code, _, told = eres("dataset", tmp_path / "half", *options, "--dry-run")
-    assert code == 0
-    assert told.startswith("6 of 6 sets to make: about ")
+    with caplog.at_level(logging.INFO, "tasks"):
+        assert eres("dataset", tmp_path / "half", *options, "--dry-run")[0] == 0
+    assert caplog.messages[-1].startswith("6 of 6 sets to make: about ")
+    assert not (tmp_path / "half").exists()
     with monkeypatch.context() as patch:
         left = iter([of_study.simulate_sequence] * 2)
         patch.setattr(of_study, "simulate_sequence", lambda *a, **b: next(left, stopped)(*a, **b))
