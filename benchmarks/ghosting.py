@@ -6,7 +6,7 @@ writes PNG and SVG: a patch of 256 of 1280 px at the center of the scene, true a
 integration and networks reconstruct it from pixels of 1280 and of 240 px, by day (200 Hz) and at
 night (50 Hz). Night is also day at four times the speed. The window is the same, the last 50 ms of
 0.55 s. Gray levels are ranks within the patch, as in the scores of videos, which are above each
-picture. The pictures show its central half.
+picture. The pictures show 192 px of it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tasks.video import log_light, picture
 
 FRAME_PX, PATCH_PX, FINE, COARSE = 1280, 256, 1280, 240
 PATCH = 2 * (slice((FRAME_PX - PATCH_PX) // 2, (FRAME_PX + PATCH_PX) // 2),)
-SHOWN = 2 * (slice(PATCH_PX // 4, 3 * PATCH_PX // 4),)
+SHOWN, GRAYS = (slice(192), slice(64, 256)), 16
 LIGHTS = {"day": 200.0, "night": 50.0}
 START_S, END_S = 0.5, 0.55
 OURS = "our_reconstruction_ideal_light"
@@ -85,18 +85,19 @@ def main() -> None:
                 drawn.setdefault(name, []).append((title, made))
     figure = Figure(figsize=(8.6, 1.95 * len(drawn)), layout="constrained")
     grid = figure.subplots(len(drawn), 1 + len(LIGHTS) * 2, squeeze=False)
-    for row, (name, made) in zip(grid, drawn.items(), strict=True):
+    for row, (name, pictures) in zip(grid, drawn.items(), strict=True):
         row[0].set_ylabel(name, fontsize=9)
-        for axes, (title, image) in zip(row, [("truth\n", truth), *made], strict=True):
-            axes.imshow(image[SHOWN], cmap="gray", vmin=0, vmax=1, interpolation="none")
+        for axes, (title, image) in zip(row, [("truth\n", truth), *pictures], strict=True):
+            grays = np.round((GRAYS - 1) * image[SHOWN])
+            axes.imshow(grays, cmap="gray", vmin=0, vmax=GRAYS - 1, interpolation="none")
             axes.set_title(title, fontsize=9)
             axes.set_xticks([])
             axes.set_yticks([])
     figure.savefig(given.out.with_suffix(".svg"), metadata={"Date": None})
     file = given.out.with_suffix(".png")
     figure.savefig(file, dpi=110)
-    with Image.open(file) as image:
-        gray = image.convert("L").quantize(16, dither=Image.Dither.NONE)
+    with Image.open(file) as colored:
+        gray = colored.convert("L").quantize(GRAYS, dither=Image.Dither.NONE)
     gray.save(file, optimize=True)
 
 
