@@ -91,7 +91,7 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
     photoreceptor changes the verdict, that is in brackets."""
     first, *others = judged
     columns: list[list[str]] = [[""], ["claim"], ["verdict"], ["why"]]
-    missing = {}
+    missing: dict[str, None] = {}
     for k, one in enumerate(judged[first]):
         if one.status is Status.NOT_MEASURED:
             missing[str(one.number)] = None

@@ -246,10 +246,10 @@ TASKS["video"] = TaskSpec(
             label="E2VID", version=2, network="tasks.learned.e2vid:load", cost=Cost(window_s=9.1)
         ),
         "firenet": _e2vid(
-            label="FireNet", network="tasks.learned.firenet:firenet", cost=Cost(window_s=6.0)
+            label="FireNet", network="tasks.learned.firenet:firenet", cost=Cost(window_s=2.4)
         ),
         "firenet_plus": _e2vid(
-            label="FireNet+", network="tasks.learned.firenet:firenet_plus", cost=Cost(window_s=6.0)
+            label="FireNet+", network="tasks.learned.firenet:firenet_plus", cost=Cost(window_s=2.4)
         ),
         "our_reconstruction_ideal_light": _video_net(
             label="our network, ideal light", network=f"{_OURS}:reconstruction_ideal_light"

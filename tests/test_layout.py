@@ -132,7 +132,7 @@ WINGS = {
     "tasks.advice": {"tasks.footage", "tasks.study.results"},
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
-    "tasks.generation": {"tasks.events"},
+    "tasks.generation": {"tasks.evaluation", "tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events", "tasks.footage"},
     "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"},
     "tasks.study.results": set(),

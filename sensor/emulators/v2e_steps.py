@@ -409,7 +409,7 @@ def _count(
             elif -change >= off[y, x]:
                 counted = -np.int32(-change // off[y, x])
             counts[y, x] = counted
-            most = max(most, abs(counted))
+            most = max(most, abs(counts[y, x]))
     return most
 
 

@@ -71,6 +71,7 @@ def dataset(
     images: float | None = None,
     scheduler: str | None = None,
     dry_run: bool = False,
+    study: Annotated[str | None, arg(metavar="PRESET|STUDY.toml")] = None,
     sensor: OmitArgPrefixes[_AtEachCutoff] = _USUAL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
     frame_camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
@@ -109,12 +110,26 @@ def dataset(
         must see OUT under the same path.
     dry_run
         Only print how many frames there are, and how much time and disk space they take.
+    study
+        In place of random scenes, the events of all sensors of a study in each light at each speed:
+        a preset such as paper, or a file. Of the other options only --seconds, --truth and
+        --dry-run apply.
     """
     from tasks.generation.dataset import make_dataset
     from tasks.generation.estimate import estimate
     from tasks.generation.sequence import sequence_folder
     from tasks.generation.settings import DatasetSettings
 
+    if study is not None:
+        others = count, seed, spp, max_displacement, warm_up, stereo, images, scheduler
+        usual = 100, 0, 4, 0.5, WARM_UP_S, None, None, None
+        if (*others, sensor, imu, frame_camera) != (*usual, _USUAL, NO_IMU, USUAL_CAMERA):
+            raise TaskError(
+                "--study: found options for random scenes; give only --seconds, --truth and "
+                "--dry-run, as scenes, frames and sensors are in the study"
+            )
+        _dataset_of(study, out.resolve(), seconds, truth, dry_run)
+        return
     if sensor.sensor is None and sensor.resolution is None:
         sensor = replace(sensor, sensor="davis346")
         if sensor.electronics is None:
@@ -148,3 +163,17 @@ def dataset(
     with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
     terminal.say(f"{out}: {len(folders)} sequence{'s' * (len(folders) != 1)}")
+
+
+def _dataset_of(study: str, out: Path, seconds: float, truth: float, dry_run: bool) -> None:
+    from tasks.generation.of_study import StudyDataset
+    from tasks.study.presets import PRESETS
+    from tasks.study.study_file import read_study
+
+    made = StudyDataset(PRESETS.get(study) or read_study(study), seconds, truth)
+    if dry_run:
+        logging.getLogger(__name__).info(made.estimate(out))
+        return
+    with terminal.progress() as on_progress:
+        files = made.make(out, on_progress)
+    terminal.say(f"{out}: {len(files)} files of events")

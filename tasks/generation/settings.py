@@ -175,7 +175,12 @@ def _whole_microseconds(seconds: float) -> float:
 
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
     """Write the settings of a dataset into its folder, or check that they match those in it."""
-    file, table = out / FILE_NAME, _table(settings)
+    claim_table(_table(settings), out)
+
+
+def claim_table(table: dict[str, Any], out: Path) -> None:
+    """Write settings as values for JSON into a folder, or check that they match those in it."""
+    file = out / FILE_NAME
     if file.exists():
         old = _with_later_fields(read_json(dict[str, Any], file, TaskError))
         for name in {**table, **old}:

@@ -85,6 +85,7 @@ class FireNet(nn.Module):
     """FireNet: 5 bins, and 16 channels at full resolution; modules have FireNet+'s names."""
 
     bins, channels, memories = 5, 16, 2
+    _reach = 9  # rows above and below that an image depends on: 9 convolutions of 3 rows in a row
 
     def __init__(self) -> None:
         super().__init__()
@@ -107,10 +108,25 @@ class FireNet(nn.Module):
         -------
         (N, 1, H, W), about 0 to 1, and the two states.
         """
+        # By bands of rows: memory of the size of all channels of an image would be new each time,
+        # which costs more than the arithmetic.
+        height, width = grid.shape[2:]
+        band = max(1, 2 * _BAND // (self.channels * width))
+        parts = []
+        for top in range(0, height, band):
+            start = max(0, top - self._reach)
+            rows = slice(start, top + band + self._reach)
+            old = [(hidden[:, :, rows],) for (hidden,) in states or ()]
+            inner = slice(top - start, top - start + band)
+            parts.append([x[:, :, inner] for x in self._image_and_hidden(grid[:, :, rows], old)])
+        image, *hidden = (torch.cat(x, dim=2) for x in zip(*parts, strict=True))
+        return image, [(x,) for x in hidden]
+
+    def _image_and_hidden(self, grid: Tensor, states: Sequence[State]) -> tuple[Tensor, ...]:
         first, second = states or [()] * self.memories
         first = self.G1(functional.relu_(self.head(grid)), first)
         second = self.G2(self.R1(*first), second)
-        return self.pred(self.R2(*second)), [first, second]
+        return self.pred(self.R2(*second)), *first, *second
 
 
 class _UNetRecurrent(nn.Module):

@@ -1,17 +1,23 @@
 """The static figure is complete, the same for the same scores, and legible."""
 
 import math
+from itertools import combinations
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
+from made_scaling import made
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.report.figures import figure, figure_files
 from tasks.study.report.plot import COLORS, Line, Panel, Point, plot, sensor_keys
+from tasks.study.report.sections.scaling import interval_plot, slope_plot
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.results.asked import SensorId
+from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Scores
 
 BUS_HZ = 600e6
@@ -119,6 +125,28 @@ def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None
     assert not own(0.4)
     ideal, night = figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes  # 3 dB up, and 3 dB down
     assert ideal.get_ylim()[0] > night.get_ylim()[0] + 2
+
+
+def test_figures_of_scaling_name_their_series_and_keep_titles_apart() -> None:
+    """Promise: slopes of all scenes are in a row with a legend each, intervals have a row for each
+    scene with a legend in its first panel, and no title reaches over its panel's neighbor."""
+    scenes = {name: made(name) for name in ("carpet", "split_rocks")}
+    slopes = figure({name: slope_plot(one) for name, one in scenes.items()})
+    intervals = figure({name: interval_plot(one) for name, one in scenes.items()})
+    assert [len(drawn.axes) for drawn in (slopes, intervals)] == [2, 6]
+    for drawn in (slopes, intervals):
+        drawn.draw_without_rendering()
+        shown = [axes._left_title.get_window_extent() for axes in drawn.axes]
+        assert not any(a.overlaps(b) for a, b in combinations(shown, 2))
+        assert all(box.x0 >= 0 and box.x1 <= drawn.bbox.x1 for box in shown)
+    keys = [[text.get_text() for text in legend.get_texts()] for legend in legends(slopes)]
+    assert keys == [[key.name for key in slope_plot(one).keys] for one in scenes.values()]
+    assert [len(legend.get_texts()) for legend in legends(intervals)] == [len(WIDTHS)] * 2
+    assert all(axes.get_ylim()[0] == 0 for axes in intervals.axes)
+
+
+def legends(drawn: Figure) -> list[Legend]:
+    return [legend for axes in drawn.axes if (legend := axes.get_legend())]
 
 
 def test_names_with_dollar_signs_are_drawn_as_they_are() -> None:

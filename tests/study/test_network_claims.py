@@ -95,7 +95,7 @@ def test_at_9_m_per_s_the_paper_has_the_same_order() -> None:
 
 def test_what_is_beside_a_claim_is_printed_and_does_not_decide() -> None:
     """Other methods and variants have a line each, with whether the claim would hold with them;
-    also where the method itself has no rows."""
+    also where the method itself has no rows; and networks of E2VID's family on other scenes too."""
     worse = paper_rows(EI, lambda w, c, s, v: v - w / 100, method="event_integration_nearest")
     found = verdict("4 Daylight", paper_rows(EI) + worse)
     assert found.status is Status.HOLDS
@@ -109,6 +109,20 @@ def test_what_is_beside_a_claim_is_printed_and_does_not_decide() -> None:
     assert found.status is Status.DOES_NOT_HOLD
     assert "carpet, high-pass filter, equalization none: ideal: best " in found.ours
     assert found.ours.endswith("(holds)")
+    family = [
+        replace(row, scene=scene)
+        for scene in ("carpet", "rocks")
+        for row in paper_rows(E2VID, method="firenet")
+    ]
+    for name, scores in (("10 E2VID", "ideal: best "), ("11 E2VID", "11.39 dB at 128 px")):
+        substituted = verdict(name, family)
+        assert substituted.status is Status.NOT_MEASURED
+        absent, *lines = substituted.ours.splitlines()
+        assert absent.startswith("no rows of E2VID on carpet")
+        assert [line.partition(scores)[0] for line in lines] == [
+            "carpet, FireNet: ",
+            "rocks, FireNet: ",
+        ]
     oracle = paper_rows(E2VID, method="late_truth")
     alone = verdict("11 E2VID", oracle)
     assert alone.status is Status.NOT_MEASURED

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from drawn import without_space
+from eres_render.storage.atomic import write_bytes
 from finished_runs import add_previews, make_run, page_of
+from made_scaling import made
 from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
@@ -21,6 +23,7 @@ from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.run.scaling import scaling_files
 
 ROOT = Path(__file__).parents[2]
 
@@ -472,8 +475,11 @@ def all_tasks() -> list[Row]:
 
 
 def test_every_task_has_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A selector with one visible set of plots, answers, tables, failures; few figures."""
+    """A selector with one visible set of plots, answers, tables, failures; few figures. Besides the
+    plots of the methods there are that of the sweep, and two of scaling."""
     monkeypatch.setattr("tasks.study.report.page.figure_files", lambda plots: {"png": b"drawn"})
+    numbers = scaling_files(made(), np.eye(64))["carpet.json"]
+    write_bytes(tmp_path / "scaling" / "carpet.json", numbers)
     page = without_space(write_report(make_run(tmp_path, all_tasks())).read_text())
     options = re.findall(r'<option value="(\d+)">([^<]*)</option>', page.split('id="pick"')[1])
     assert [name for _, name in options] == [
@@ -483,7 +489,7 @@ def test_every_task_has_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     ]
     assert [int(value) for value, _ in options] == list(range(len(options)))
     assert page.count('<div class="plots" hidden>') == len(options) - 1
-    assert page.count('<div class="plot">') == len(plots_of(page)) == len(options) + 1  # the sweep
+    assert page.count('<div class="plot">') == len(plots_of(page)) == len(options) + 3
     assert {task for _, task, _ in answers_of(page)} == {
         *("Reconstruction", "Video reconstruction", "Optical flow", "Pose tracking")
     }
@@ -492,7 +498,8 @@ def test_every_task_has_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "2 mm: 100\u202f%, 20 mm: 0\u202f%" in page
     assert "no convergence in n passes (36)" in page
     assert {p.stem for p in (tmp_path / "figures").iterdir()} == {
-        f"tradeoff_{one.method}" for one in (EI, HF, EPF, CM, EPPT)
+        *(f"tradeoff_{one.method}" for one in (EI, HF, EPF, CM, EPPT)),
+        *("scaling_slope", "scaling_intervals"),
     }
 
 

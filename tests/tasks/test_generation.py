@@ -26,7 +26,7 @@ from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
 from tasks.events.truth import groups_to_copy
-from tasks.generation import dataset, sequence
+from tasks.generation import dataset, of_study, sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
 from tasks.generation.estimate import estimate
@@ -101,6 +101,50 @@ def test_a_dataset_is_read_as_it_is(made):
         np.testing.assert_array_equal(item["instances"], truth.instances(end_s, 32, 32))
         np.testing.assert_allclose(item["pose"], frames.trajectory.pose(end_s), atol=1e-6)
         assert item["frame"].shape == (32, 32)
+
+
+STUDY = """
+scenes = ["carpet"]
+render = {resolution = 64, spp = 1, max_displacement_px = 1.0}
+simulate = {widths = [32, 64], cutoffs_hz = [inf, 200], speeds = [1.0, 2.0]}
+"""
+
+
+def test_the_sets_of_a_study_are_whole_and_continue_to_the_same_bytes(
+    tmp_path, eres, monkeypatch, caplog
+):
+    """Promise: a set for each width, light and speed, and one in ideal light; stopped in the third
+    set and continued, all files are those of a dataset that was not stopped."""
+    (tmp_path / "mine.toml").write_text(STUDY)
+    options = ["--study", tmp_path / "mine.toml", "--seconds", 0.02, "--truth", 0.01]
+    with caplog.at_level(logging.INFO, "tasks"):
+        assert eres("dataset", tmp_path / "half", *options, "--dry-run")[0] == 0
+    assert caplog.messages[-1].startswith("6 of 6 sets to make: about ")
+    assert not (tmp_path / "half").exists()
+    with monkeypatch.context() as patch:
+        left = iter([of_study.simulate_sequence] * 2)
+        patch.setattr(of_study, "simulate_sequence", lambda *a, **b: next(left, stopped)(*a, **b))
+        assert eres("dataset", tmp_path / "half", *options)[0] == 130
+    assert len(list((tmp_path / "half").rglob("*.h5"))) == 2
+    for name in ("half", "whole"):
+        assert eres("dataset", tmp_path / name, *options)[0] == 0
+    half, whole = (contents(tmp_path / name) for name in ("half", "whole"))
+    assert half == whole
+    files = {path.as_posix(): path for path in whole if path.suffix == ".h5"}
+    assert set(files) == {
+        f"carpet/{width}px/events_{light}.h5"
+        for width in (32, 64)
+        for light in ("inf_C0.2", "200_C0.2_x1", "200_C0.2_x2")
+    }
+    for name in ("200_C0.2_x1", "200_C0.2_x2"):
+        header = read_header(tmp_path / "whole" / f"carpet/64px/events_{name}.h5")
+        assert header.origin["speed"] == float(name[-1])
+        start_us, end_us = (header.origin[f"window_{x}_us"] for x in ("start", "end"))
+        assert end_us - start_us == pytest.approx(20_000 / float(name[-1]), abs=1)
+    assert len(EventDataset(tmp_path / "whole/carpet/32px").recordings) == 3
+    code, _, told = eres("dataset", tmp_path / "whole", *options, "--stereo", 0.1)
+    assert code == 1
+    assert told.startswith("error: --study: ")
 
 
 def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):

@@ -107,6 +107,8 @@ class SceneClaim(Claim):
     beside
         Further series to print, each by its difference from `series`, such as {"method": "..."} or
         {"variant": "..."}. They show whether the claim would hold there, but do not decide it.
+    beside_everywhere
+        Whether these are printed on all scenes of the run, not only on those of the claim.
     mean
         Name of a number; its mean over the scenes is printed too.
     """
@@ -117,6 +119,7 @@ class SceneClaim(Claim):
     paper: str = ""
     scenes: tuple[str, ...] = ()
     beside: tuple[Mapping[str, str], ...] = ()
+    beside_everywhere: bool = False
     mean: str = ""
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
@@ -165,13 +168,10 @@ class SceneClaim(Claim):
         lines = []
         others = [series._replace(**change) for change in self.beside]
         scenes = dict.fromkeys(scene for each in (series, *others) for scene in scores.scenes(each))
-        every = [
-            SceneScores(scores, series, scene, scaling.get(scene))
-            for scene in scenes
-            if not self.scenes or scene in self.scenes
-        ]
-        readings = self._readings([on for on in every if on.scene in scores.scenes(series)])
-        for on in every:
+        every = [SceneScores(scores, series, scene, scaling.get(scene)) for scene in scenes]
+        claimed = [on for on in every if not self.scenes or on.scene in self.scenes]
+        readings = self._readings([on for on in claimed if on.scene in scores.scenes(series)])
+        for on in every if self.beside_everywhere else claimed:
             if reading := readings.get(on.scene):
                 fails = reading.status is Status.DOES_NOT_HOLD
                 lines.append(f"{on.scene}: {reading.text}{' (does not hold)' * fails}")

@@ -32,7 +32,8 @@ _claim = partial(SceneClaim, series=EVENT_INTEGRATION)
 _times = partial(Number, unit="times", decimals=1, sign="")
 _DAY_MARGINS = [margin(1280, 640, DAY, speed) for speed in SPEEDS]
 _UPSAMPLINGS = tuple({"method": f"event_integration_{name}"} for name in ("bilinear", "nearest"))
-# Other networks, and the truth delayed or filtered as by the photoreceptor.
+# Published networks of E2VID's family, ours, and the truth delayed or filtered as by the
+# photoreceptor. They are printed on all scenes: the paper has E2VID on the carpet alone.
 _NETWORKS = "firenet", "firenet_plus", *(f"our_reconstruction_{x}_light" for x in ("ideal", "all"))
 _OTHER_VIDEO = tuple({"method": name} for name in (*_NETWORKS, "late_truth", "filtered_truth"))
 ONE_VIDEO = (
@@ -67,6 +68,7 @@ def _fine_then_coarse(
         text="ideal: best {ideal}, lead of 1280 px {ideal_lead}; night: best {night}, lead of 240 "
         "px {night_lead}",
         beside=beside,
+        beside_everywhere=series is E2VID,
         note=ONE_VIDEO,
     )
 
@@ -192,6 +194,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         },
         text="{coarse} at 128 px, {fine} at 1280 px; 128 over 1280 px {margin}",
         beside=_OTHER_VIDEO,
+        beside_everywhere=True,
         note=ONE_VIDEO,
     ),
 )

@@ -9,12 +9,15 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis as MatplotlibAxis
 from matplotlib.figure import Figure
+from PIL import Image
 
 from tasks.study.report.plot import COLORS, Axis, Limit, Panel, Plot
 
 _BEYOND = "#b3261e"
 _SHADE = 0.09  # opacity over white
 _SHADED = "#f8ebeb"  # that color
+_PALETTE = 64  # colors of a PNG
+_TITLE = 44  # characters of a title that fit above a panel
 _STYLE = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -30,34 +33,39 @@ _STYLE = {
     "legend.fontsize": 8,
     "legend.labelcolor": COLORS["soft"][0],
     "svg.hashsalt": "eres",
+    "svg.fonttype": "none",
 }
 
 
 def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
-    """Draw plots as PNG and SVG, the same bytes for the same plots.
+    """Draw plots as PNG, with a palette, and SVG, the same bytes for the same plots.
 
     Parameters
     ----------
     plots
         Plots by name; the name is the first part of each panel's title.
     """
-    drawn, files = figure(plots), {}
-    for kind, unwanted in {"png": "Software", "svg": "Date"}.items():
-        file = io.BytesIO()
-        with rc_context(_STYLE):  # type: ignore[arg-type]
-            drawn.savefig(file, format=kind, dpi=160, metadata={unwanted: None})
-        files[kind] = file.getvalue()
-    return files
+    drawn, vector, pixels, small = figure(plots), io.BytesIO(), io.BytesIO(), io.BytesIO()
+    with rc_context(_STYLE):  # type: ignore[arg-type]
+        drawn.savefig(vector, format="svg", metadata={"Date": None})
+        drawn.savefig(pixels, format="png", dpi=130)
+    with Image.open(pixels) as image:
+        palette = image.convert("RGB").quantize(_PALETTE, dither=Image.Dither.NONE)
+    palette.save(small, "png", optimize=True)
+    return {"png": small.getvalue(), "svg": vector.getvalue()}
 
 
 @rc_context(_STYLE)  # type: ignore[arg-type]
 def figure(plots: Mapping[str, Plot]) -> Figure:
-    """Draw a row of panels for each plot; `plots` is as in `figure_files`."""
-    columns = max(len(plot.panels) for plot in plots.values())
-    drawn = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
-    grid = drawn.subplots(len(plots), columns, sharex="row", squeeze=False)
-    for row, (name, plot) in zip(grid, plots.items(), strict=True):
-        row[0].set_ylabel(plot.y.label)
+    """Draw a row of panels for each plot, or one row if each has one; `plots` as in
+    `figure_files`."""
+    most = max(len(plot.panels) for plot in plots.values())
+    rows, columns = (1, len(plots)) if most == 1 else (len(plots), most)
+    drawn = Figure(figsize=(3.3 * columns, 3.1 * rows), layout="constrained")
+    grid = drawn.subplots(rows, columns, sharex="row", squeeze=False)
+    for place in grid[:, 0]:
+        place.set_ylabel(next(iter(plots.values())).y.label)
+    for row, (name, plot) in zip(grid.reshape(len(plots), most), plots.items(), strict=True):
         for axes in row[len(plot.panels) :]:
             axes.set_axis_off()
         for axes in row[1 : 1 if plot.own_axes else len(plot.panels)]:
@@ -66,6 +74,8 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
         for axes, panel in zip(row, plot.panels, strict=False):
             _draw(axes, name, plot, panel)
         for axes in row[: len(plot.panels)]:  # the row shares its limits, so draw all of it first
+            if 0 in plot.y.include:
+                axes.set_ylim(bottom=0)
             _set_ticks(axes.xaxis, plot.x, *axes.get_xlim())
             _set_ticks(axes.yaxis, plot.y, *axes.get_ylim())
             if plot.limit is not None:
@@ -75,7 +85,9 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
 
 def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
     below = plot.labels_below
-    axes.set_title(_plain(f"{name}, {panel.label} ({panel.detail})"))
+    title, detail = f"{name}, {panel.label}", f"({panel.detail})"
+    gap = " " if len(title) + len(detail) < _TITLE else "\n"
+    axes.set_title(_plain(title + gap + detail))
     axes.set_xlabel(plot.x.label)
     axes.set_xscale("log" if plot.x.log else "linear")
     axes.set_yscale("log" if plot.y.log else "linear")
@@ -92,11 +104,14 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
             continue
         color, outline = COLORS[key.color][0], [(x, -y) for x, y in key.mark]
         axes.plot(*zip(*(line.path or marks), strict=True), color=color, linewidth=1.5)
-        axes.plot(*zip(*marks, strict=True), color=color, marker=outline, markersize=6, linewidth=0)
+        (drawn,) = axes.plot(*zip(*marks, strict=True), label=_plain(key.name), linewidth=0)
+        drawn.set(color=color, marker=outline, markersize=6)
         place = {"xytext": (0, -6 if below else 6), "va": "top" if below else "bottom"}
         style = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "weight": "bold"}
         label = _plain(key.label)
         axes.annotate(label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
+    if panel is plot.panels[0] and any(x.points for x in panel.lines) and not plot.keys[0].label:
+        axes.legend(borderpad=0.1, handletextpad=0.2)
 
 
 def _plain(text: str) -> str:

@@ -17,6 +17,7 @@ from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
 from tasks.study.report.sections.photoreceptor import compare_photoreceptors
+from tasks.study.report.sections.scaling import interval_plot, slope_plot
 from tasks.study.report.sections.slider import slider_section
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
@@ -26,6 +27,8 @@ from tasks.study.results.perturbation import is_main
 
 MAX_BYTES = 15_000_000
 """Maximum size of a report, bytes."""
+
+_SCALING = "scaling_slope", "scaling_intervals"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +102,8 @@ SECTIONS = (
 def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SECTIONS) -> Path:
     """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff_METHOD.png`` and ``.svg``.
 
-    Each other photoreceptor of the run has its own ``tables_NAME.csv``.
+    A run with ``scaling/`` also has ``figures/scaling_slope`` and ``scaling_intervals``. Each other
+    photoreceptor of the run has its own ``tables_NAME.csv``.
 
     Parameters
     ----------
@@ -140,13 +144,21 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
         (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     figures = run.folder / "figures"
     # Of our methods, the run may no longer have some; a file of another name may be the user's.
-    ours = {m for task in TASKS.values() for m in task.methods}
-    stale = {figures / f"tradeoff_{name}.{kind}" for name in ours for kind in ("png", "svg")}
-    for series in filter(is_main, run.series):
-        plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
+    ours = {f"tradeoff_{m}" for task in TASKS.values() for m in task.methods} | {*_SCALING}
+    stale = {figures / f"{name}.{kind}" for name in ours for kind in ("png", "svg")}
+    drawn = {
+        re.sub(r"\W+", "_", f"tradeoff_{series.method}"): tradeoff_plots(
+            run.scores, series, run.bus_hz, run.base_speeds
+        )
+        for series in filter(is_main, run.series)
+    }
+    if measured := {name: run.scaling[name] for name in run.scenes if name in run.scaling}:
+        slopes = {name: slope_plot(one) for name, one in measured.items()}
+        intervals = {name: interval_plot(one, run.base_speeds) for name, one in measured.items()}
+        drawn |= zip(_SCALING, (slopes, intervals), strict=True)
+    for name, plots in drawn.items():
         for kind, image in figure_files(plots).items():
-            name = re.sub(r"\W+", "_", series.method)
-            write_bytes(file := figures / f"tradeoff_{name}.{kind}", image)
+            write_bytes(file := figures / f"{name}.{kind}", image)
             stale.discard(file)
     for file in stale:
         file.unlink(missing_ok=True)
