@@ -3,6 +3,7 @@
     python benchmarks/lag_predictions.py fetch     # the scenes and textures, of other people
     python benchmarks/lag_predictions.py predict   # wrote docs/predictions/lag.toml; without light
     python benchmarks/lag_predictions.py measure   # writes docs/predictions/lag.csv
+    python benchmarks/lag_predictions.py image     # the same for the spectrum of an image
     python benchmarks/lag_predictions.py           # prints the tables of docs/what_decides.md
 
 `predict` traces the distance of surfaces, and no light: the speed of the image is the median length
@@ -28,6 +29,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +46,9 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.cache import cache_dir
 from eres_render.trajectory.frame_times import adaptive_times, depth_image_motion
 from sensor import SensorModel, stream_bank
-from sensor.levels import DARK_SHARE
+from sensor.levels import DARK_SHARE, white_level
 from tasks.advice.law import CROSSING_PX, NEAR_PX, finer_wins
+from tasks.advice.spectrum import MovingImage
 from tasks.advice.stored import Window
 from tasks.methods.event_integration import reconstruct
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
@@ -63,6 +66,7 @@ ONE_POLE_PX = 3.0  # crossing with one pole, in px of v / (2 pi f)
 FINER, TIE, COARSER, WITHIN = "+", "=", "-", "~"
 LOW, HIGH = NEAR_PX
 NEARLY_DB = 0.1
+COHERENT = 0.7  # mean flow over mean length, above which an image has one direction
 RIGHT_SHARE, MEDIAN_REGRET_DB = 0.85, 0.2
 HEADER = f"""\
 # Predictions of the lag law, made before any light of these scenes was computed.
@@ -627,16 +631,55 @@ def print_regrets(cases: list[Seen]) -> None:
     table(("poles", "rule", *(f"C = {C}" for C in THRESHOLDS)), lines)
 
 
+def image() -> None:
+    """Print what following the spectrum of a window's first image costs, of measured paths."""
+    frozen = tomllib.loads(FROZEN.read_text(encoding="utf-8"))
+    folder = cache_dir() / "lag_predictions" / frozen_digest()
+
+    @cache
+    def moving(name: str, sample: int) -> MovingImage:
+        number, window = divmod(sample, WINDOWS)
+        found, path = np.load(folder / f"{name}_{number}.npz"), frozen[name]["path"][number]
+        light = np.exp(found["log_images"][window].astype(float))
+        flow = found["px_s_80"][window].reshape(-1, 2)
+        x, y = np.median(flow, axis=0)
+        coherent = np.hypot(*flow.mean(axis=0)) > COHERENT * np.hypot(*flow.T).mean()
+        start_s, end_s = path["marks_s"][window + 1 : window + 3]
+        path_px = path["v_px_s"][window] * (end_s - start_s)
+        degrees = math.degrees(math.atan2(y, x)) if coherent else None
+        return MovingImage(np.minimum(light / white_level(light), 1.0), path_px, degrees)
+
+    lines = []
+    for poles in (2, 1):
+        cells = []
+        for C in THRESHOLDS:
+            regrets = []
+            for each in seen():
+                if (each.poles, each.threshold) == (poles, C):
+                    at = each.window
+                    lag = lag_px(at.speed_px_s, at.cutoff_hz, poles)
+                    of = moving(at.scene, at.sample)
+                    psnr = [of.psnr_db(width, [lag], C, poles)[0] for width in WIDTHS]
+                    regrets.append(each.regret_db(int(np.argmax(psnr))))
+            numbers = np.mean(regrets), np.median(regrets), max(regrets)
+            cells.append(", ".join(f"{one:.2f}" for one in numbers))
+        lines.append((poles, "the image", *cells))
+    table(("poles", "rule", *(f"C = {C}" for C in THRESHOLDS)), lines)
+
+
 def main() -> None:
     commands: dict[tuple[str, ...], Callable[[], None]] = {
         ("fetch",): fetch,
         ("predict",): predict,
         ("measure",): measure,
+        ("image",): image,
         (): lambda: None,
     }
     given = tuple(sys.argv[1:])
     if given not in commands:
-        sys.exit(f"error: found {' '.join(given)}, expected fetch, predict, measure or nothing")
+        sys.exit(
+            f"error: found {' '.join(given)}, expected fetch, predict, measure, image or nothing"
+        )
     commands[given]()
     if given in ((), ("measure",)):
         cases = seen()

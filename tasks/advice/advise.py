@@ -21,6 +21,7 @@ FOV_DEG = 60.0
 """Field of view if none is given: that of the packaged scenes."""
 WINDOW_S = 0.05
 """Length of the window of a reconstruction if none is given: that of the study."""
+_SAME = 1.05  # ratio of cutoffs that count as equal
 EXPONENTS = (0.0, 1.0)
 """Ends between which the exponent of the photodiode's area in the cutoff lies."""
 
@@ -332,19 +333,26 @@ def _events_per_px(width: int, lag: float) -> Iterator[float]:
             yield median(events for _, events in nearest)
 
 
-def _predicted(view: View, image: Path, sensors: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors with the PSNR that an image predicts."""
-    from tasks.advice.spectrum import MovingImage, read_picture  # here: it takes a while to import
+def _psnr_db(view: View, sensors: Sequence[Sensor]) -> list[tuple[float, ...]]:
+    """Return the PSNR that the image predicts for each lag of each sensor, or else a texture."""
+    from tasks.advice import spectrum  # here: it takes a while to import
 
     *_, finest = sensors
-    picture = read_picture(image, finest.width)
-    moving = MovingImage(picture, view.window * finest.speed_px_s, view.direction)
-    found = []
-    for one in sensors:
-        lags_px = [lag * finest.width / one.width for lag in one.lags_px]
-        psnr_db = moving.psnr_db(one.width, lags_px, one.contrast_threshold, one.poles)
-        found.append(replace(one, predicted_db=tuple(psnr_db)))
-    return found
+    size = finest.width, finest.height
+    picture = spectrum.read_picture(view.image, size[0]) if view.image else spectrum.texture(*size)
+    path_px = view.window * finest.speed_px_s
+    moving = spectrum.MovingImage(picture, path_px, view.direction)
+    return [
+        tuple(
+            moving.psnr_db(
+                one.width,
+                [lag * finest.width / one.width for lag in one.lags_px],
+                one.contrast_threshold,
+                one.poles,
+            )
+        )
+        for one in sensors
+    ]
 
 
 def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
@@ -371,15 +379,22 @@ def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
     ['640x360', '346x195']
     """
     best, choices = [], []
-    if view.image is not None:
-        sensors = _predicted(view, view.image, sensors)
-    columns = zip(*(sensor.predicted_db or sensor.lags_px for sensor in sensors), strict=False)
-    for k, (exponent, column) in enumerate(zip(EXPONENTS, columns, strict=False)):
-        best.append(column.index(max(column)) if view.image else chosen(column))
+    cutoffs_hz = [*zip(*(sensor.cutoffs_hz for sensor in sensors), strict=False)]
+    unlike = [max(column) > _SAME * min(column) for column in cutoffs_hz]
+    psnr_db = _psnr_db(view, sensors) if view.image or any(unlike) else []
+    if view.image:
+        sensors = [replace(s, predicted_db=p) for s, p in zip(sensors, psnr_db, strict=True)]
+    for k, exponent in enumerate(EXPONENTS[: len(cutoffs_hz)]):
+        if view.image or unlike[k]:  # the law is about sensors of one cutoff
+            predicted = [each[k] for each in psnr_db]
+            best.append(predicted.index(max(predicted)))
+        else:
+            best.append(chosen([sensor.lags_px[k] for sensor in sensors]))
         delay = delay_s(sensors[best[k]].cutoffs_hz[k], sensors[best[k]].poles)
         choices.append(Choice(exponent, sensors[best[k]].name, delay, view.speed * delay))
     steps = sensors[max(best[0], 1) : best[0] + 2]
-    right = [one.right for one in steps if one.right is not None and not view.image]
+    by_law = not view.image and not unlike[0]
+    right = [one.right for one in steps if one.right is not None and by_law]
     last = min(best[0] + 1, len(sensors) - 1)
     return Advice(
         sensors=tuple(sensors),

@@ -26,9 +26,10 @@ Hz, lag: if the cutoff does not depend on the area of a pixel, and if it is
 proportional to it."""
 _BY_LAW = """Finer wins, by dB: event integration against the next
 coarser sensor, in stored cases near the first lag. Mev/s: what stored scenes
-say for a contrast threshold of 0.2. Two equal poles are assumed. A coarser
-sensor has larger pixels: merging or cropping the events of a fine one does
-not make it."""
+say for a contrast threshold of 0.2. Two equal poles are assumed. The law is
+about sensors of one cutoff: where cutoffs differ, the spectrum of a random
+texture chooses. A coarser sensor has larger pixels: merging or cropping the
+events of a fine one does not make it."""
 _BY_IMAGE = """PSNR: of event integration at the finest width, as the
 spectrum of the image predicts it for both. The image is taken to be as wide
 as the field of view and, unless its pixels are floats, to be sRGB: its camera

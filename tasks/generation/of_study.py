@@ -26,7 +26,8 @@ _log = logging.getLogger(__name__)
 # Measured on the carpet, ideal pixels: a pixel of 1280 px in each second of the path; of coarser
 # pixels it falls as this power of the width, and behind a cutoff as 1 / (1 + _SLOW_HZ speed / f).
 _EVENTS_PER_PX_S, _POWER, _SLOW_HZ = 226, 0.57, 55
-_BYTES_AN_EVENT, _BYTES_A_TRUTH_PX = 3.0, 7.5
+_BYTES_AN_EVENT, _BYTES_A_TRUTH_PX = 2.8, 7.5
+_FRAME_SHARE = 0.65  # of a frame that remains after its compression
 _READ_NS_PER_PX, _WRITE_NS_PER_EVENT = 20, 80  # of one core: a frame, and an event
 
 
@@ -82,7 +83,7 @@ class StudyDataset:
             frame_px = job.render.resolution * job.render.height_at(job.render.resolution)
             if todo:
                 frames += of_job.frames
-                disk_bytes += of_job.frame_bytes
+                disk_bytes += _FRAME_SHARE * of_job.frame_bytes
                 core_s += of_job.render_s
             for at in todo.values():
                 px = at.model.width * at.model.height
