@@ -30,7 +30,7 @@ docs: .venv/.docs
 
 answers: .venv/.ready
 	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md docs/results_run.md
-	$(BIN)/python docs/answers.py docs/results/chip docs/what_decides.md
+	$(BIN)/python docs/answers.py docs/results/chip docs/chip.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

@@ -4,7 +4,7 @@
     python benchmarks/lag_predictions.py predict   # wrote docs/predictions/lag.toml; without light
     python benchmarks/lag_predictions.py measure   # writes docs/predictions/lag.csv
     python benchmarks/lag_predictions.py image     # the same for the spectrum of an image
-    python benchmarks/lag_predictions.py           # prints the tables of docs/what_decides.md
+    python benchmarks/lag_predictions.py           # prints the tables of docs/lag_tests.md
 
 `predict` traces the distance of surfaces, and no light: the speed of the image is the median length
 of the true flow of the pixels that stay in view over a window. `measure` keeps the paths that were

@@ -3,7 +3,7 @@
     python docs/answers.py RUN PAGE...
 
 replaces the text between two comments in each page. The answers in README.md and docs/results.md
-are those of docs/results/paper, those in docs/what_decides.md of docs/results/chip.
+are those of docs/results/paper, those in docs/chip.md of docs/results/chip.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ class MovingImage:
     A detail of k cycles/px along the motion passes pixels that answer it by H. Their memory, the
     level of the last event, follows by H M: it stays behind by up to half a threshold, which acts
     as one more pole, and is rounded to the threshold. Sampling and enlarging a coarse image passes
-    the detail by a, and adds its aliases. docs/what_decides.md derives the error that remains.
+    the detail by a, and adds its aliases. docs/lag_tests.md derives the error that remains.
 
     Parameters
     ----------

@@ -39,12 +39,12 @@ def of_the_paper() -> dict[str, str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/results.md", "docs/results_run.md", "docs/what_decides.md"]
+    "page", ["README.md", "docs/results.md", "docs/results_run.md", "docs/chip.md"]
 )
 def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], page: str) -> None:
     """Promise: README and docs have the exact answers of docs/results/paper, or of
     docs/results/chip; if not, `make answers` rewrites them."""
-    of_chip = page == "docs/what_decides.md"
+    of_chip = page == "docs/chip.md"
     answers = answers_of(RUN.with_name("chip")) if of_chip else of_the_paper
     assert with_answers(ROOT / page, answers) == (ROOT / page).read_text()
 

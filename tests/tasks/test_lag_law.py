@@ -90,11 +90,11 @@ def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
 @pytest.mark.slow
 def test_the_chip_is_as_its_page_says():
     """Promise: how many widths of docs/predictions/chip.toml are right, and what following them
-    costs, as in the table of docs/what_decides.md; and those of the texture that `eres advise` asks
+    costs, as in the table of docs/chip.md; and those of the texture that `eres advise` asks
     where cutoffs differ."""
     chip = benchmark("chip")
     found = [*chip.ladders(chip.medians(ROOT / "docs/results/chip"))]
-    page, lines = (ROOT / "docs/what_decides.md").read_text(), 0
+    page, lines = (ROOT / "docs/chip.md").read_text(), 0
     for rule, choice in chip.RULES.items():
         for exponent in chip.EXPONENTS:
             own = [(at, scores) for power, at, scores in found if power == exponent]
@@ -117,7 +117,7 @@ def test_how_often_the_law_is_right(stored):
     assert (len(unseen), share_right(unseen)) == (540, 95.6)
 
 
-PAGE = (ROOT / "docs" / "what_decides.md").read_text()
+PAGE = "".join((ROOT / "docs" / f"{p}.md").read_text() for p in ("what_decides", "lag_tests"))
 
 
 def lines_on_the_page(capsys):
@@ -167,7 +167,7 @@ def test_the_predictions_are_those_that_were_frozen(unseen):
 
 
 def test_the_page_has_the_tables_of_the_predictions(unseen, capsys):
-    """Promise: docs/what_decides.md has what `python benchmarks/lag_predictions.py` prints."""
+    """Promise: docs/lag_tests.md has what `python benchmarks/lag_predictions.py` prints."""
     law, seen = unseen
     for poles in (2, 1):
         law.print_shares(seen, poles)
