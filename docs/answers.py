@@ -25,6 +25,7 @@ from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond, lux_of
+from tasks.study.results.cells import Condition
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.exponents import designs_of, width_in_design
 from tasks.study.results.metrics import Series
@@ -152,6 +153,31 @@ def ranks(run: FinishedRun) -> str:
         if {*of_series} != {MISSING}:
             for column, cell in zip(columns, [label, *of_series], strict=True):
                 column.append(cell)
+    return _markdown(columns)
+
+
+def medians(run: FinishedRun) -> str:
+    """Return the median scores of each main method, a line for each scene, light and speed that the
+    answers have, and a column for each sensor; the best is bold."""
+    scores, main = run.scores, [*filter(is_main, run.series)]
+    sensors = sorted({sensor for series in main for sensor in scores.sensors(series)})
+    columns: list[list[str]] = [[""], *([sensor.label] for sensor in sensors)]
+    for series in main:
+        metric = TASKS[series.task].metric
+        for scene in scores.scenes(series):
+            for cutoff_hz, speed in answered(choose_all(scores, series)):
+                at = f"{_light_text(cutoff_hz)}, {speed_label('', speed)}"
+                places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors]
+                found = [scores.cell(series, place).median for place in places]
+                known = [metric.sign * value for value in found if value is not None]
+                if not known:
+                    continue
+                texts = [MISSING if v is None else metric.text(v) for v in found]
+                best = [v is not None and metric.sign * v == max(known) for v in found]
+                bold = [f"**{t}**" if b else t for t, b in zip(texts, best, strict=True)]
+                label = f"{TASKS[series.task].label(series.method)}, {scene}, {at}"
+                for column, text in zip(columns, [label, *bold], strict=True):
+                    column.append(text)
     return _markdown(columns)
 
 
@@ -309,6 +335,7 @@ def answers_of(run_dir: Path) -> dict[str, str]:
         "verdicts": claim_list(run.verdicts_by_photoreceptor),
         "samples": sample_worth(run),
         "ranks": ranks(run),
+        "medians": medians(run),
         "designs": designs(run),
         "programs": programs(run),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,7 @@ def read_picture(file: str | Path, width: int) -> Floats:
     return np.minimum(averaged / white_level(averaged), 1.0)
 
 
+@cache
 def texture(width: int, height: int) -> Floats:
     """Return a random texture that stands for a scene of which there is no image.
 

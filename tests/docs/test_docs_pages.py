@@ -106,6 +106,7 @@ def test_the_claim_of_your_own_is_judged_on_the_stored_run(monkeypatch, capsys):
     status, *numbers = capsys.readouterr().out.splitlines()
     assert status == "holds"
     assert re.match(
-        r"carpet: 240 over 128 px \+\d\.\d\d \[\+\d\.\d\d, \+\d\.\d\d; n \d+\.?\d*\] dB", numbers[0]
+        r"carpet: 240 over 128 px \+\d\.\d\d \[\+\d\.\d\d, \+\d\.\d\d; n \d+\.?\d*, r 0\.\d\d\] dB",
+        numbers[0],
     )
     assert "carpet: 240 over 128 px +1.61 dB" in numbers

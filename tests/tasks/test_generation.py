@@ -110,6 +110,7 @@ simulate = {widths = [32, 64], cutoffs_hz = [inf, 200], speeds = [1.0, 2.0]}
 """
 
 
+@pytest.mark.slow
 def test_the_sets_of_a_study_are_whole_and_continue_to_the_same_bytes(
     tmp_path, eres, monkeypatch, caplog
 ):
