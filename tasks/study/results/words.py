@@ -61,7 +61,10 @@ def distances_label(distances_m: Mapping[str, float]) -> str:
 def photoreceptor_label(photoreceptor: str) -> str:
     """Name a photoreceptor, or the emulation in its place, in words."""
     words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}
-    return words.get(photoreceptor, photoreceptor)
+    if photoreceptor in words:
+        return words[photoreceptor]
+    program, version, step = photoreceptor.split("-")
+    return f"{program} {version}, {step.removesuffix('px')} px a frame"
 
 
 def rate_label(event_rate_hz: float | None) -> str:

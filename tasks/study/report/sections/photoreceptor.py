@@ -26,6 +26,8 @@ def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
     -------
     names
         The photoreceptors in words, that of the page first.
+    programs
+        Whether some are v2e's program.
     tables
         A table of leads for each main method.
     verdicts
@@ -47,7 +49,8 @@ def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
         for of_claim in changed_verdicts(run.verdicts_by_photoreceptor)
     }
     verdicts = Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})
-    return {"names": names, "tables": tables, "verdicts": verdicts}
+    programs = any(name.startswith("v2e-") for name in readings)
+    return {"names": names, "tables": tables, "verdicts": verdicts, "programs": programs}
 
 
 def _table(series: Series, of_series: list[Lead], heads: list[Text], run: FinishedRun) -> Table:
