@@ -50,7 +50,10 @@ def test_equal_samples_of_a_seed_count_once() -> None:
     values = np.repeat(of_seed, 4)
     clustered, alone = interval(values, (4,) * 7), interval(of_seed)
     assert (clustered.low, clustered.high) == (alone.low, alone.high)
+    assert clustered.spread == pytest.approx(of_seed.std(ddof=1))
+    assert f", seeds ±{clustered.spread:.2f}]" in clustered.text()
     pooled = interval(values)
+    assert pooled.spread is None
     assert pooled.high - pooled.low < 0.7 * (clustered.high - clustered.low)
 
 

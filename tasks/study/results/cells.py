@@ -82,9 +82,9 @@ class Cell:
         each = [np.median(self.of_sample(i).values) for i in range(self.samples)]
         return effective_samples(np.array(each), self.paths)
 
-    def of_sample(self, sample: int) -> Cell:
-        """Return the values of one sample."""
-        here = self.sample == sample
+    def of_sample(self, sample: int, count: int = 1) -> Cell:
+        """Return the values of one sample, or of several from that on."""
+        here = (sample <= self.sample) & (self.sample < sample + count)
         names = "values", "event_rates_hz", "failed", "sample", "training"
         chosen: dict[str, Any] = {name: getattr(self, name)[here] for name in names}
         return replace(self, **chosen)

@@ -26,7 +26,8 @@ TAILS = (0.025, 0.025)
 BRACKETS = (
     "Brackets are 95 % bootstrap intervals over samples, taken as independent. Samples of one path "
     "are not: n is how many independent ones they are worth, by the correlation of neighbors, r. "
-    "Where a scene has several seeds, intervals are over these, and over the samples of each."
+    "Where a scene has several seeds, intervals are over these, and over the samples of each; ± is "
+    "the standard deviation between seeds."
 )
 """What `Interval.text` prints, in words."""
 
@@ -40,6 +41,7 @@ class Interval:
     `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
     many independent samples those of the interval are worth, which takes all of them as
     independent; None if it is not over samples. `samples` is their number, without equal ones.
+    `spread` is the standard deviation of the statistics of a scene's seeds; None for one seed.
     """
 
     value: float
@@ -47,6 +49,7 @@ class Interval:
     high: float | None
     effective_samples: float | None = None
     samples: float = 0.0
+    spread: float | None = None
 
     def includes(self, bound: float) -> bool:
         """Whether a number is within the interval, if there is one."""
@@ -71,6 +74,8 @@ class Interval:
         if (n := self.effective_samples) is not None:
             r = f"{(self.samples - n) / (self.samples + n):.2f}"
             worth = f"; n {n:.2g}" + f", r {r}" * (float(r) > 0)
+        if self.spread is not None:
+            worth += f", seeds ±{number_text(self.spread, decimals, '')}"
         return f"{value} [{low}, {high}{worth}]{unit}"
 
 
@@ -168,12 +173,20 @@ def estimate(
     worth = samples = 0.0
     for cells in scenes:
         first = next(iter(cells.values()))
-        own = range(first.samples)
-        alone = [{key: cell.of_sample(i) for key, cell in cells.items()} for i in own]
-        each = [float(statistic(Medians(of_one, sign, of_rates))) for of_one in alone]
-        n = effective_samples(np.array(each), first.paths)
+
+        def of_parts(counts: Sequence[int], cells: Mapping[Key, Cell] = cells) -> list[float]:
+            starts = np.cumsum([0, *counts[:-1]]).tolist()
+            parts = [
+                {key: cell.of_sample(start, count) for key, cell in cells.items()}
+                for start, count in zip(starts, counts, strict=True)
+            ]
+            return [float(statistic(Medians(part, sign, of_rates))) for part in parts]
+
+        n = effective_samples(np.array(of_parts([1] * first.samples)), first.paths)
         worth, samples = worth + n, samples + (first.samples if n > 1 else n)
-    return Interval(value, float(low), float(high), worth, samples)
+    one_scene = len(scenes) == 1 and len(first.paths) > 1
+    spread = float(np.std(of_parts(first.paths), ddof=1)) if one_scene else None
+    return Interval(value, float(low), float(high), worth, samples, spread)
 
 
 def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
