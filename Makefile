@@ -31,6 +31,7 @@ docs: .venv/.docs
 answers: .venv/.ready
 	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md docs/results_run.md
 	$(BIN)/python docs/answers.py docs/results/chip docs/chip.md
+	$(BIN)/python docs/answers.py docs/results/firenet docs/learned.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

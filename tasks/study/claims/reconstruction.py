@@ -40,6 +40,7 @@ ONE_VIDEO = (
     "The samples come from one video, so they are not independent and the intervals are too narrow."
 )
 """Note on claims about video."""
+_NO_WEIGHTS = "Not known, for lack of weights."
 _IMAGE_SPEED = (
     "On our scenes the image moves at 550 px/s on average at base speed, a number without a source "
     "in the paper. The verdict depends on it, as twice the speed is half the cutoff."
@@ -54,7 +55,7 @@ def _fine_then_coarse(
     """Return claim 10, which the paper makes of two methods."""
     return SceneClaim(
         number=10,
-        why="Equalization and decay of images decide.",
+        why=_NO_WEIGHTS if series is E2VID else "Equalization and decay of images decide.",
         title=f"{title}: finest in ideal light, coarse at night",
         statement=f"{subject} reconstructs best at 1280 px in ideal light and at 240 px at night.",
         series=series,
@@ -182,7 +183,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     _fine_then_coarse("E2VID", "E2VID", E2VID, *_OTHER_VIDEO),
     SceneClaim(
         number=11,
-        why="Not known, for lack of weights.",
+        why=_NO_WEIGHTS,
         title="E2VID at night: the finest sensor is worse than the coarsest",
         statement="On carpet at 50 Hz, 1280 px reconstructs worse than 128 px.",
         series=E2VID,
