@@ -70,6 +70,7 @@ def test_the_page_of_cameras_prints_what_it_shows(tmp_path):
     follow("cameras.md", tmp_path)
 
 
+@pytest.mark.slow
 def test_the_page_of_fitted_cameras_prints_what_it_shows(tmp_path):
     """Promise: the fitted camera simulates as many events as the recording has."""
     follow("fit.md", tmp_path)

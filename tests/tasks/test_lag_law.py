@@ -76,6 +76,7 @@ def stored():
     return {run: windows_of_run(ROOT / run) for run in RUNS}
 
 
+@pytest.mark.slow
 def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
     """Promise: `python benchmarks/lag_law.py docs/results/paper docs/results/slider --write` wrote
     it; it has at most 100 kB, and reads as it was written."""
@@ -105,6 +106,7 @@ def test_the_chip_is_as_its_page_says():
     assert lines == 6
 
 
+@pytest.mark.slow
 def test_how_often_the_law_is_right(stored):
     """Promise: the shares on docs/what_decides.md, and that 1 px is not fitted."""
     cases = cases_of(stored[RUNS[0]])
@@ -126,6 +128,7 @@ def lines_on_the_page(capsys):
     return sum(f"{one}\n" in PAGE for one in lines), len(lines)
 
 
+@pytest.mark.slow
 def test_the_page_has_the_tables_of_the_command(stored, capsys):
     """Promise: docs/what_decides.md says what `python benchmarks/lag_law.py` prints."""
     law = benchmark("lag_law")
