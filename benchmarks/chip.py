@@ -16,12 +16,13 @@ import io
 import math
 import tomllib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from statistics import mean, median
 from typing import Any, NamedTuple
 
+from lag_law import table
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -122,14 +123,6 @@ def draw(found: Mapping[Cell, float]) -> Figure:
         axes.set_xlabel("pixels in a row of the chip")
     figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
-
-
-def table(heads: Iterable[str], lines: Iterable[Iterable[object]]) -> None:
-    """Print a Markdown table."""
-    heads = [*heads]
-    print(f"\n| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
-    for line in lines:
-        print(f"| {' | '.join(map(str, line))} |")
 
 
 def main() -> None:
