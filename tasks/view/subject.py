@@ -9,15 +9,15 @@ from typing import Literal
 
 from eres_render import RadianceSequence, ground_truth, open_sequence
 from eres_render.progress import Progress
-from sensor import errors
 from sensor.cameras import EventCamera, find_camera
-from sensor.formats import Header, read_header
+from sensor.formats import Header
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.events.simulation import FASTEST
 from tasks.footage import Footage
 from tasks.origin import in_text, shift_us
+from tasks.recording.recording import open_recording
 from tasks.view.clip import (
     ClipFrames,
     ClipSource,
@@ -27,10 +27,8 @@ from tasks.view.clip import (
     FrameSource,
     TimedFrames,
 )
-from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
 from tasks.view.look import Look
-from tasks.view.windows import span_of
 
 Show = Literal["frames", "depth", "flow"]
 
@@ -48,7 +46,6 @@ class Subject:
     sources: tuple[Source, ...]
     start_us: int
     end_us: int
-    counts: tuple[int, ...]
 
     @property
     def event_sources(self) -> tuple[EventSource, ...]:
@@ -83,31 +80,38 @@ def open_subject(
     camera = EventCamera() if look.sensor is None else find_camera(look.sensor)
     if look.sensor is not None and reading.size is None:
         reading = replace(reading, size=camera.size)
-    headers = {path: _header(path, reading, format) for path in files}
+    clips = {path: open_sequence(path) for path in paths if path not in files}
+    recordings = {}
+    for k, path in enumerate(files):
+        on_progress("reading", k, len(files))
+        recordings[path] = open_recording(
+            path, format=format, reading=reading, span_us=look.span_us
+        )
+    headers = {path: recording.header for path, recording in recordings.items()}
 
     def source(path: Path) -> Source:
-        if path not in headers:
-            return _clip_source(_rendered(open_sequence(path), headers), show)
-        return EventSource(
-            path,
-            headers[path],
-            PALETTES[look.palette],
-            length_us=look.length_us,
-            count=look.count,
-            format=format,
-            reading=reading,
-            frames=None if over is None else _behind(over, path, headers[path]),
-            start_us=_us(look.start),
-            camera=camera.name,
-        )
+        if path in clips:
+            return _clip_source(_rendered(clips[path], headers), show)
+        frames = None if over is None else _behind(over, path, headers[path])
+        return EventSource(recordings[path], look, frames, camera.name)
 
-    return _timed(tuple(map(source, paths)), look, on_progress)
-
-
-def _header(path: Path, reading: ReadOptions, format: str | None) -> Header:
-    header = read_header(path, format=format, topic=reading.topic)
-    with errors.reading(path):
-        return header.with_size(reading.size)
+    sources = tuple(map(source, paths))
+    shown = {source.frames for source in sources if source.frames is not None}
+    spans_us = [(recording.start_us, recording.end_us) for recording in recordings.values()]
+    spans_us = spans_us or [frames.span_us() for frames in shown]
+    start_us, end_us = look.span_us
+    if look.start is None:
+        start_us = min(start for start, _ in spans_us)
+    if look.end is None:
+        end_us = max(end for _, end in spans_us)
+    for frames in shown:
+        first_us, last_us = frames.span_us()
+        if last_us < start_us or first_us > end_us:
+            raise TaskError(
+                f"{frames.path}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
+                f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
+            )
+    return Subject(sources, start_us, end_us)
 
 
 def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
@@ -149,38 +153,6 @@ def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
         return FrameSource(frames)
     truth = ground_truth(frames.sequence)
     return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
-
-
-def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Subject:
-    start_us, end_us = _us(look.start), _us(look.end)
-    if start_us is not None and end_us is not None and not start_us < end_us:
-        raise TaskError(f"--start {look.start:g} is not before --end {look.end:g}")
-    files = any(isinstance(source, EventSource) for source in sources)
-    spans_us, counts = [], []
-    for k, source in enumerate(sources):
-        on_progress("reading", k, len(sources))
-        if isinstance(source, EventSource):
-            span = span_of(source.parts(), start_us, end_us)
-            if span is None:
-                raise TaskError(f"{source.path}: has no events in the time to show")
-            counts.append(span.count)
-            spans_us.append((span.start_us, span.end_us))
-        elif not files:
-            spans_us.append(source.frames.span_us())
-    start_us = min(start for start, _ in spans_us) if start_us is None else start_us
-    end_us = max(end for _, end in spans_us) if end_us is None else end_us
-    for frames in {source.frames for source in sources if source.frames is not None}:
-        first_us, last_us = frames.span_us()
-        if last_us < start_us or first_us > end_us:
-            raise TaskError(
-                f"{frames.path}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
-                f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
-            )
-    return Subject(sources, start_us, end_us, tuple(counts))
-
-
-def _us(t_s: float | None) -> int | None:
-    return None if t_s is None else round(1e6 * t_s)
 
 
 def _s(t_us: int) -> str:
