@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from sensor.levels import DARK_SHARE, white_level
 from tasks.errors import TaskError
 from tasks.footage.images import read_images
-from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
+from tasks.footage.luminance import Luminance, Mender, coding_of
 
 Floats = NDArray[np.floating]
 

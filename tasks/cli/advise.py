@@ -14,7 +14,6 @@ from tyro.conf import arg
 from tasks.advice.law import NEAR_PX
 from tasks.cli import terminal
 from tasks.cli.app import AsJson
-from tasks.cli.table import Table
 from tasks.errors import TaskError
 
 if TYPE_CHECKING:
@@ -133,7 +132,7 @@ def advise(
         terminal.show_json(advice)
         return
     rule = ("PSNR, dB",) if image else ("finer wins", "dB")
-    table = Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus", box=None)
+    table = terminal.Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus")
     for each in advice.sensors:
         table.add_row(*_cells(each))
     seen = f", {image.name}" if image else ""

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 from tasks.footage import images, video
-from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
+from tasks.footage.luminance import Luminance, Mender, coding_of
 
 _log = logging.getLogger(__name__)
 

@@ -1,15 +1,20 @@
-"""Linear luminance of images as files store them."""
+"""Linear luminance of images as files store them, and its pixels that are no light."""
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor.encoding import to_linear
-from sensor.levels import white_level
+from sensor.levels import DARK_SHARE, white_level
 from tasks.errors import TaskError
+
+_log = logging.getLogger(__name__)
+
+Float32 = NDArray[np.float32]
 
 _BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709-6, item 3.2
 
@@ -69,3 +74,81 @@ def coding_of(
     if white <= 0:
         raise TaskError(f"{path}: the first frame defines white, but is black or not finite")
     return "linear", white
+
+
+class Mender:
+    """Mends the pixels of images that are no light, and counts them.
+
+    Luminance below 0 by at most the dark level becomes black: filters with negative lobes leave it
+    beside edges. A pixel that is NaN, infinite or further below 0 is an error, or gets the median
+    of its valid neighbors in 3 x 3 px.
+
+    Parameters
+    ----------
+    white_level
+        Radiance of white; the dark level is a thousandth of it.
+    repair
+        Whether such a pixel is mended.
+    advice
+        End of the error if it is not.
+    """
+
+    def __init__(self, white_level: float, repair: bool = False, advice: str = "") -> None:
+        self._least = -DARK_SHARE * white_level
+        self._repair = repair
+        self._advice = advice
+        # Pixels by file, as footage may be read several times.
+        self._black: dict[Path, int] = {}
+        self._repaired: dict[Path, int] = {}
+
+    def __call__(self, file: Path, light: Float32) -> Float32:
+        """Return the mended light of an image.
+
+        Parameters
+        ----------
+        light
+            (H, W) linear radiance.
+
+        Returns
+        -------
+        (H, W) finite, 0 or more.
+        """
+        if light.min() >= 0 and light.max() < np.inf:  # NaN shows in both
+            return light
+        valid = np.isfinite(light) & (light >= self._least)
+        invalid = int(np.sum(~valid))
+        if invalid and not (self._repair and valid.any()):
+            y, x = np.argwhere(~valid)[0]
+            raise TaskError(
+                f"{file}: {light[y, x]:g} at pixel x={x} y={y} is invalid; {invalid} of "
+                f"{light.size} pixels are negative or not finite"
+                f"{'' if self._repair else self._advice}"
+            )
+        if black := int(np.sum(valid & (light < 0))):
+            self._black[file] = black
+        if not invalid:
+            return np.maximum(light, 0)
+        self._repaired[file] = invalid
+        return _filled(np.where(valid, np.maximum(light, 0), np.float32(np.nan)))
+
+    def warn(self, footage: Path) -> None:
+        """Warn of the pixels that were mended, if there were any."""
+        for counts, what in (
+            (self._black, "slightly below 0, and become black"),
+            (self._repaired, "not finite or below 0, and get the median of their neighbors"),
+        ):
+            if counts:
+                number = sum(counts.values()), len(counts)
+                _log.warning("%s: %d pixels in %d frames were %s", footage, *number, what)
+
+
+def _filled(light: Float32) -> Float32:
+    """Return an image in which NaN pixels have the median of their neighbors, from the rim in."""
+    padded = np.pad(light, 1, constant_values=np.nan)
+    inside = padded[1:-1, 1:-1]
+    while np.isnan(inside).any():
+        y, x = np.nonzero(np.isnan(inside))
+        around = np.stack([padded[y + dy, x + dx] for dy in range(3) for dx in range(3)])
+        known = ~np.isnan(around).all(axis=0)
+        inside[y[known], x[known]] = np.nanmedian(around[:, known], axis=0)
+    return inside

@@ -27,8 +27,7 @@ from tasks.errors import TaskError
 from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import has_transparency, list_images, read_images, times_ns
-from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
+from tasks.footage.luminance import Luminance, Mender, coding_of
 
 logger = logging.getLogger(__name__)
 

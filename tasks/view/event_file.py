@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensor.events import Events, concatenate
-from sensor.model import SensorModel
 from tasks.origin import in_text
 from tasks.recording.recording import Recording, cut
 from tasks.view.clip import ClipSource, TimedFrames
@@ -38,9 +37,12 @@ class EventSource:
 
     @property
     def title(self) -> str:
-        """The sensor, or the file if it is unknown."""
+        """Size and cutoff of the sensor, or the file if it is unknown."""
         model = self.recording.header.model
-        return self.camera or self.name if model is None else sensor_title(model)
+        if model is None:
+            return self.camera or self.name
+        cutoff = f"{model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else "ideal"
+        return f"{model.width}x{model.height} px, {cutoff}"
 
     @property
     def name(self) -> str:
@@ -83,12 +85,6 @@ def last_events(parts: Iterable[Events], ends_us: Sequence[int], count: int) -> 
         stop = int(np.searchsorted(held.t_us, end_us))
         held = held[max(0, stop - count) :]
         yield held[: min(stop, count)]
-
-
-def sensor_title(model: SensorModel) -> str:
-    """Describe a sensor by its size and its cutoff."""
-    size = f"{model.width}x{model.height} px"
-    return f"{size}, {model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else f"{size}, ideal"
 
 
 Source = EventSource | ClipSource

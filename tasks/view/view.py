@@ -117,7 +117,8 @@ def view(
         return
     pictures = _pictures(subject, look, times_us, kind, on_progress)
     with new_file(out, overwrite=overwrite) as file:
-        WRITERS[kind](file, _small_enough(pictures, kind), _fps(look, kind))
+        fps = possible_fps(kind, look.fps or _USUAL_FPS)
+        WRITERS[kind](file, _small_enough(pictures, kind), fps)
 
 
 def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
@@ -142,7 +143,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
             raise TaskError(f"--at: found {look.at} s, but the sources cover {span}")
         return [t_us]
-    step_us = 1e6 / (_fps(look, kind) * _slow(subject, look, kind))
+    step_us = 1e6 / (possible_fps(kind, look.fps or _USUAL_FPS) * _slow(subject, look, kind))
     lead_us = 0.0
     if subject.event_sources:  # the first picture shows a whole window
         lead_us = step_us if look.length_us is None else look.length_us
@@ -155,10 +156,6 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             "reduce --slow or --fps, or write a .mp4"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
-
-
-def _fps(look: Look, kind: str) -> float:
-    return possible_fps(kind, _USUAL_FPS if look.fps is None else look.fps)
 
 
 def _slow(subject: Subject, look: Look, kind: str) -> float:
