@@ -94,12 +94,10 @@ def advise(
     from tasks.advice.advise import advise as advise_of
 
     cameras = [*map(find_camera, sensor)]
-    for one, other, both in (
-        ("fov", "focal-length", fov is not None and focal_length is not None),
-        ("sensor", "pitch", bool(cameras) and pitch is not None),
-    ):
-        if both:
-            raise TaskError(f"give --{one} or --{other}, not both")
+    if fov is not None and focal_length is not None:
+        raise TaskError("give --fov or --focal-length, not both")
+    if cameras and pitch is not None:
+        raise TaskError("give --sensor or --pitch, not both")
     for option, value in (("direction", direction), ("window", window)):
         if value is not None and image is None:
             raise TaskError(f"--{option} is only for --image")

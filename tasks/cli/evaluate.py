@@ -103,8 +103,7 @@ def evaluate(
     from tasks.evaluation.sequence import evaluate_sequence
 
     sequence = eres_render.open_sequence(source)
-    size = sequence.manifest.width, sequence.manifest.height
-    chosen = camera.camera(*size, usual_width=346)
+    chosen = camera.camera(sequence.width, sequence.height, usual_width=346)
     assumes = chosen.assumptions(**camera.light)
     if not as_json:
         terminal.say(assumes)

@@ -169,13 +169,10 @@ def open_footage(
         usual = video.tagged_encoding(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
-    are_exr = files != [] and images.is_exr(files[0])
-    for option, value, applies, kind in (
-        ("--time-unit", time_unit, files, "a folder with timestamps.txt"),
-        ("--layer", layer, are_exr, "OpenEXR images"),
-    ):
-        if value is not None and not applies:
-            raise TaskError(f"{path}: {option} is only for {kind}")
+    if time_unit is not None and not files:
+        raise TaskError(f"{path}: --time-unit is only for a folder with timestamps.txt")
+    if layer is not None and not (files and images.is_exr(files[0])):
+        raise TaskError(f"{path}: --layer is only for OpenEXR images")
     first = next(coded())
     encoding, white = coding_of(first, encoding, usual, path)
     luminance = Luminance(encoding)

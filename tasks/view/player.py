@@ -21,8 +21,7 @@ from eres_render.progress import Progress
 from eres_render.storage.atomic import write_text
 from tasks.errors import TaskError
 from tasks.view.drawing import STRENGTHS
-from tasks.view.event_file import EventSource
-from tasks.view.subject import Subject
+from tasks.view.subject import EventSource, Subject
 
 _log = logging.getLogger(__name__)
 

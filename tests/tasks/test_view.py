@@ -36,12 +36,11 @@ from tasks.view.drawing import (
     resized,
     tone_mapped,
 )
-from tasks.view.event_file import EventSource, last_events
 from tasks.view.files import possible_fps, write_mp4
 from tasks.view.layout import Layout, Panel
 from tasks.view.look import Look
 from tasks.view.player import pack_frames
-from tasks.view.subject import _rendered, open_subject
+from tasks.view.subject import EventSource, _rendered, last_events, open_subject
 from tasks.view.view import _small_enough
 
 COLORS = PALETTES["blue-red"]
