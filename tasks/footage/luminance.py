@@ -1,4 +1,4 @@
-"""Linear luminance of images as files store them, and its pixels that are no light."""
+"""Linear luminance of images as files store them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,22 @@ _BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709-6, item 
 
 
 class Luminance:
-    """Converts stored numbers to linear luminance.
+    """Converts stored numbers to linear luminance; mends and counts floats that are no light.
+
+    Luminance below 0 by at most the dark level becomes black: filters with negative lobes leave it
+    beside edges. A pixel that is NaN, infinite or further below 0 is an error, or gets the median
+    of its valid neighbors in 3 x 3 px.
 
     Parameters
     ----------
     encoding
         Transfer function of the stored numbers, see `sensor.to_linear`.
+    white_level
+        Radiance of white; the dark level is a thousandth of it.
+    repair
+        Whether such a pixel is mended.
+    advice
+        End of the error if it is not.
 
     Raises
     ------
@@ -33,12 +43,20 @@ class Luminance:
         The encoding is unknown.
     """
 
-    def __init__(self, encoding: str) -> None:
+    def __init__(
+        self, encoding: str, white_level: float, repair: bool = False, advice: str = ""
+    ) -> None:
         types = np.uint8, np.uint16
         codes = [np.arange(np.iinfo(kind).max + 1, dtype=kind) for kind in types]
         self._light = {code.dtype.name: to_linear(code, encoding) for code in codes}
+        self._least = -DARK_SHARE * white_level
+        self._repair = repair
+        self._advice = advice
+        # Pixels by file, as footage may be read several times.
+        self._black: dict[Path, int] = {}
+        self._repaired: dict[Path, int] = {}
 
-    def __call__(self, image: NDArray[np.generic]) -> NDArray[np.float32]:
+    def __call__(self, file: Path, image: NDArray[np.generic]) -> Float32:
         """Return the luminance of an image.
 
         Parameters
@@ -48,71 +66,11 @@ class Luminance:
 
         Returns
         -------
-        (H, W) float32.
+        (H, W) float32, finite, 0 or more.
         """
-        light = self._light[image.dtype.name][image] if image.dtype.kind == "u" else image
-        linear: NDArray[np.float32] = light.astype(np.float32, copy=False)
-        return linear if linear.ndim == 2 else linear @ _BT709
-
-
-def coding_of(
-    first: NDArray[np.generic], given: str | None, usual: str, path: Path
-) -> tuple[str, float]:
-    """Return the encoding of images like the first, and the light of white.
-
-    Returns
-    -------
-    The encoding, and 1, or for floats the 99.9th percentile of the finite ones of the first image.
-    """
-    if first.dtype.kind != "f":
-        return given or usual, 1.0
-    if given not in (None, "linear"):
-        raise TaskError(f"{path}: images of floats are linear; leave out --encoding {given}")
-    light = Luminance("linear")(first)
-    finite = light[np.isfinite(light)]
-    white = white_level(finite) if finite.size else 0.0
-    if white <= 0:
-        raise TaskError(f"{path}: the first frame defines white, but is black or not finite")
-    return "linear", white
-
-
-class Mender:
-    """Mends the pixels of images that are no light, and counts them.
-
-    Luminance below 0 by at most the dark level becomes black: filters with negative lobes leave it
-    beside edges. A pixel that is NaN, infinite or further below 0 is an error, or gets the median
-    of its valid neighbors in 3 x 3 px.
-
-    Parameters
-    ----------
-    white_level
-        Radiance of white; the dark level is a thousandth of it.
-    repair
-        Whether such a pixel is mended.
-    advice
-        End of the error if it is not.
-    """
-
-    def __init__(self, white_level: float, repair: bool = False, advice: str = "") -> None:
-        self._least = -DARK_SHARE * white_level
-        self._repair = repair
-        self._advice = advice
-        # Pixels by file, as footage may be read several times.
-        self._black: dict[Path, int] = {}
-        self._repaired: dict[Path, int] = {}
-
-    def __call__(self, file: Path, light: Float32) -> Float32:
-        """Return the mended light of an image.
-
-        Parameters
-        ----------
-        light
-            (H, W) linear radiance.
-
-        Returns
-        -------
-        (H, W) finite, 0 or more.
-        """
+        if image.dtype.kind == "u":
+            return _without_color(self._light[image.dtype.name][image])
+        light = _without_color(image)
         if light.min() >= 0 and light.max() < np.inf:  # NaN shows in both
             return light
         valid = np.isfinite(light) & (light >= self._least)
@@ -140,6 +98,32 @@ class Mender:
             if counts:
                 number = sum(counts.values()), len(counts)
                 _log.warning("%s: %d pixels in %d frames were %s", footage, *number, what)
+
+
+def coding_of(
+    first: NDArray[np.generic], given: str | None, usual: str, path: Path
+) -> tuple[str, float]:
+    """Return the encoding of images like the first, and the light of white.
+
+    Returns
+    -------
+    The encoding, and 1, or for floats the 99.9th percentile of the finite ones of the first image.
+    """
+    if first.dtype.kind != "f":
+        return given or usual, 1.0
+    if given not in (None, "linear"):
+        raise TaskError(f"{path}: images of floats are linear; leave out --encoding {given}")
+    light = _without_color(first)
+    finite = light[np.isfinite(light)]
+    white = white_level(finite) if finite.size else 0.0
+    if white <= 0:
+        raise TaskError(f"{path}: the first frame defines white, but is black or not finite")
+    return "linear", white
+
+
+def _without_color(light: NDArray[np.generic]) -> Float32:
+    linear: Float32 = light.astype(np.float32, copy=False)
+    return linear if linear.ndim == 2 else linear @ _BT709
 
 
 def _filled(light: Float32) -> Float32:
