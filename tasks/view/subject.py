@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from eres_render import RadianceSequence, ground_truth, open_sequence
+from eres_render import RadianceSequence, open_sequence
 from eres_render.progress import Progress
 from sensor.cameras import EventCamera, find_camera
 from sensor.events import Events, concatenate
@@ -21,20 +20,10 @@ from tasks.events.simulation import FASTEST
 from tasks.footage import Footage
 from tasks.origin import in_text, shift_us
 from tasks.recording.recording import Recording, cut, open_recording
-from tasks.view.clip import (
-    ClipFrames,
-    ClipSource,
-    DepthSource,
-    FlowSource,
-    FootageFrames,
-    FrameSource,
-    TimedFrames,
-)
+from tasks.view.clip import ClipFrames, ClipSource, Show, TimedFrames, clip_source
 from tasks.view.drawing import PALETTES, Palette, draw_events, plain
 from tasks.view.layout import Panel
 from tasks.view.look import Look
-
-Show = Literal["frames", "depth", "flow"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +158,7 @@ def open_subject(
 
     def source(path: Path) -> Source:
         if path in clips:
-            return _clip_source(_rendered(clips[path], headers), show)
+            return clip_source(_rendered(clips[path], headers), show)
         frames = None if over is None else _behind(over, path, headers[path])
         return EventSource(recordings[path], look, frames, camera.name)
 
@@ -200,7 +189,7 @@ def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
         options = FootageOptions(fps=None if fps is None else float(fps), encoding=str(encoding))
     frames = open_source_frames(over, options)
     if isinstance(frames, Footage):
-        return FootageFrames(frames, _speed(path, header))
+        return TimedFrames(frames, _speed(path, header))
     return _rendered(frames, {path: header})
 
 
@@ -224,13 +213,6 @@ def _speed(path: Path, header: Header) -> float:
     if isinstance(speed, str) or not 0 < speed < FASTEST:
         raise TaskError(f"{path}: origin, speed: found {speed!r}, expected a positive number")
     return float(speed)
-
-
-def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
-    if show == "frames":
-        return FrameSource(frames)
-    truth = ground_truth(frames.sequence)
-    return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
 
 
 def _s(t_us: int) -> str:

@@ -11,13 +11,14 @@ from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, ReadOptions
+from tasks.view.clip import Show
 from tasks.view.drawing import PALETTES, Picture
 from tasks.view.files import WRITERS, possible_fps
 from tasks.view.layout import Layout
 from tasks.view.look import Look
 from tasks.view.player import write_player
 from tasks.view.recording import write_recording
-from tasks.view.subject import Show, Subject, open_subject
+from tasks.view.subject import Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
