@@ -229,9 +229,11 @@ def truth(
     """
     opened = eres_render.open_sequence(sequence)
     exact, times_s = eres_render.ground_truth(opened), eres_render.window_times(opened, step)
+    how = {"flow_png": flow_png, "overwrite": overwrite}
     with terminal.progress() as on_progress:
-        how = {"flow_png": flow_png, "overwrite": overwrite, "on_progress": on_progress}
-        files = eres_render.write_truth(exact, out, times_s, width, height, **how)
+        files = eres_render.write_truth(
+            exact, out, times_s, width, height, **how, on_progress=on_progress
+        )
     terminal.say(f"{out}: {len(files)} files, {len(times_s)} times")
 
 
