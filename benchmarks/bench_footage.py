@@ -24,8 +24,7 @@ from sensor import SensorModel
 from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px
+from tasks.footage.interpolation import displacements_px, interpolated, steps_for
 
 _OCTAVES = 2, 4, 8, 16, 32, 64
 

@@ -133,7 +133,7 @@ def photograph(folder: Path, entry: tuple[str, ...], contrast: float) -> Track:
         sys.exit(f"error: {file}: is not {path} of {repository}")
     coded = next(read_images([file]))
     encoding, white = coding_of(coded, None, "srgb", file)
-    light = np.maximum(Luminance(encoding)(coded) / white, 0)
+    light = np.maximum(Luminance(encoding, white)(file, coded) / white, 0)
     side = min(light.shape)
     top, left = ((size - side) // 2 for size in light.shape)
     averaged = integrate(light[top : top + side, left : left + side], _SIDE, _SIDE)

@@ -29,8 +29,7 @@ from sensor import Events, SensorModel, simulate, to_linear
 from sensor.encoding import to_srgb
 from tasks.events.footage_check import FootageCheck
 from tasks.footage import Footage
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px
+from tasks.footage.interpolation import displacements_px, interpolated, steps_for
 
 _THINNED, _STEP_PX = (1, 2, 4, 8, 16), 0.5
 _HEADS = (

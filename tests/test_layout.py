@@ -133,7 +133,7 @@ WINGS = {
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.evaluation", "tasks.events", "tasks.study.run"},
-    "tasks.view": {"tasks.events", "tasks.footage"},
+    "tasks.view": {"tasks.events", "tasks.footage", "tasks.recording.recording"},
     "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},

@@ -14,7 +14,6 @@ from sensor.levels import DARK_SHARE, white_level
 from tasks.errors import TaskError
 from tasks.footage.images import read_images
 from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
 
 Floats = NDArray[np.floating]
 
@@ -51,14 +50,13 @@ def read_picture(file: str | Path, width: int) -> Floats:
     file = Path(file)
     coded = next(read_images([file]))
     encoding, white = coding_of(coded, None, "srgb", file)
-    light = Luminance(encoding)(coded)
-    rows, columns = light.shape
+    rows, columns = coded.shape[:2]
     if columns < width:
         raise TaskError(
             f"{file}: is {columns} px wide; give an image of at least {width} px, the finest width"
         )
-    mended = Mender(white)(file, light).astype(np.float64)
-    averaged = _averaged(mended, round(rows * width / columns), width)
+    light = Luminance(encoding, white)(file, coded).astype(np.float64)
+    averaged = _averaged(light, round(rows * width / columns), width)
     return np.minimum(averaged / white_level(averaged), 1.0)
 
 

@@ -14,7 +14,6 @@ from tyro.conf import arg
 from tasks.advice.law import NEAR_PX
 from tasks.cli import terminal
 from tasks.cli.app import AsJson
-from tasks.cli.table import Table
 from tasks.errors import TaskError
 
 if TYPE_CHECKING:
@@ -95,12 +94,10 @@ def advise(
     from tasks.advice.advise import advise as advise_of
 
     cameras = [*map(find_camera, sensor)]
-    for one, other, both in (
-        ("fov", "focal-length", fov is not None and focal_length is not None),
-        ("sensor", "pitch", bool(cameras) and pitch is not None),
-    ):
-        if both:
-            raise TaskError(f"give --{one} or --{other}, not both")
+    if fov is not None and focal_length is not None:
+        raise TaskError("give --fov or --focal-length, not both")
+    if cameras and pitch is not None:
+        raise TaskError("give --sensor or --pitch, not both")
     for option, value in (("direction", direction), ("window", window)):
         if value is not None and image is None:
             raise TaskError(f"--{option} is only for --image")
@@ -133,7 +130,7 @@ def advise(
         terminal.show_json(advice)
         return
     rule = ("PSNR, dB",) if image else ("finer wins", "dB")
-    table = Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus", box=None)
+    table = terminal.Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus")
     for each in advice.sensors:
         table.add_row(*_cells(each))
     seen = f", {image.name}" if image else ""

@@ -36,21 +36,9 @@ radiance, turns it into events at any resolution, and scores what can be done wi
 `eres --version` prints the version."""
 _UNIT = re.compile(r"_(s|px|hz|m|lux)$")  # at the end of a field
 _OF_SCENES = doctor, scenes, sensors, methods, bake, render, stereo, truth, images, convergence
-_OF_EVENTS = (
-    simulate,
-    convert,
-    fit,
-    dataset,
-    view,
-    video,
-    evaluate,
-    study,
-    report,
-    claims,
-    info,
-    advise,
-)
-_COMMANDS = *_OF_SCENES, *_OF_EVENTS
+_OF_EVENTS = simulate, convert, fit, dataset, view, video, evaluate
+_OF_STUDIES = study, report, claims, info, advise
+_COMMANDS = *_OF_SCENES, *_OF_EVENTS, *_OF_STUDIES
 # The extra that is named if it has the package that is missing.
 _NEED_LIGHT = "bake", "convergence", "dataset", "evaluate", "render", "truth", "view"
 _JOBS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import rich.console
 from rich.text import Text
 
-from tasks.cli.table import Table
+from tasks.cli import terminal
 from tasks.study.results.comparison import Block, Column, ComparisonTable, line_label
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_label, speed_label
 
@@ -33,8 +33,8 @@ def to_rich(table: ComparisonTable, base: BaseSpeeds = PACKAGED) -> rich.console
     return rich.console.Group(*parts, Text(f"\n{note}", "dim"))
 
 
-def _rich_block(block: Block, table: ComparisonTable, columns: list[Column]) -> Table:
-    shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+def _rich_block(block: Block, table: ComparisonTable, columns: list[Column]) -> terminal.Table:
+    shown = terminal.Table(padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
     for cutoff_hz in table.cutoffs_hz:
         for column in columns:

@@ -11,10 +11,10 @@ from rich.table import Column
 from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import literal_type_from_choices
 
+import eres_render
 from tasks.cli import terminal
 from tasks.cli.app import AsJson, WeightsFiles
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
-from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import NO_FRAMES, USUAL_FLOW, FlowOptions, FrameOptions
@@ -100,12 +100,10 @@ def evaluate(
         raise TaskError(f"{source}: no such file of events or folder of a sequence")
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
         raise TaskError(f"{source}: is a folder; --format, frame and flow options need a recording")
-    from eres_render import open_sequence
     from tasks.evaluation.sequence import evaluate_sequence
 
-    sequence = open_sequence(source)
-    size = sequence.manifest.width, sequence.manifest.height
-    chosen = camera.camera(*size, usual_width=346)
+    sequence = eres_render.open_sequence(source)
+    chosen = camera.camera(sequence.width, sequence.height, usual_width=346)
     assumes = chosen.assumptions(**camera.light)
     if not as_json:
         terminal.say(assumes)
@@ -134,7 +132,7 @@ def _print_scores(rows: Sequence[Row], *fields: str) -> None:
     for row in rows:
         groups.setdefault(tuple(getattr(row, field) for field in fields), []).append(row)
     heads = [Column(field, no_wrap=True) for field in fields[:-1]]
-    table = Table(*heads, "median", "metric", "scores", "failed", box=None, pad_edge=False)
+    table = terminal.Table(*heads, "median", "metric", "scores", "failed", pad_edge=False)
     for (*names, metric), scored in groups.items():
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+import eres_render
+from eres_render.progress import Progress
 from tasks.cli import terminal
 from tasks.cli.app import AsJson, WeightsFiles, require, several
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
@@ -19,9 +21,6 @@ from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 from tasks.view.look import ALL_OF_IT, Look
-
-if TYPE_CHECKING:
-    from eres_render.progress import Progress
 
 
 def simulate(
@@ -184,14 +183,14 @@ def info(
 
         show(describe(path, format=format, reading=reading))
         return
-    from eres_render import SequenceError, open_sequence
     from tasks.events.description import seconds
 
     if not path.exists():
-        raise SequenceError(f"{path}: no such file or folder")
+        raise eres_render.SequenceError(f"{path}: no such file or folder")
     if (format, reading) != (None, AS_STORED):
-        raise SequenceError(f"{path}: is a folder; --format and read options need a file of events")
-    sequence = open_sequence(path)
+        wrong = "is a folder; --format and read options need a file of events"
+        raise eres_render.SequenceError(f"{path}: {wrong}")
+    sequence = eres_render.open_sequence(path)
     manifest, camera = sequence.manifest, sequence.camera
     start_s, end_s = sequence.window_s
     length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])

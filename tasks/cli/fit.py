@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from sensor.cameras import EventCamera, find_camera, plain_camera, write_camera
 from tasks.cli import terminal
-from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.recording.options import NO_FRAMES, FrameOptions
 
 if TYPE_CHECKING:
-    from sensor.cameras import EventCamera
     from tasks.fitting.fit import Found
 
 
@@ -79,7 +78,6 @@ def fit(
     overwrite
         Replace OUT if it exists.
     """
-    from sensor.cameras import find_camera, plain_camera, write_camera
     from sensor.events import concatenate
     from tasks.events.overwriting import check_new
     from tasks.fitting import fit as fitting
@@ -136,20 +134,20 @@ def _print_tables(result: Found) -> None:
     """Print the estimates, the dark levels that were tried, and the held-out half."""
     from tasks.fitting.check import BLOCKS
 
-    table = Table("field", "value", "unit", box=None)
+    table = terminal.Table("field", "value", "unit")
     for name, (value, unit, _, _) in result.values("").items():
         table.add_row(name, str(value), unit)
     terminal.show(table)
     if result.sweep:
         columns = "dark level, % of white", "ON, log", "OFF, log", "spread over brightness, %"
-        sweep = Table(*columns, box=None)
+        sweep = terminal.Table(*columns)
         for (on, off, dark, *_), uneven in result.sweep:
             sweep.add_row(f"{100 * dark:g}", str(on), str(off), f"{100 * uneven:.1f}")
         terminal.show(sweep)
     if (held_out := result.agreement) is not None:
         start_s, end_s = (1e-6 * t_us for t_us in held_out.counted_us)
         sides = "real", "simulated", "simulated / real"
-        table = Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides, box=None)
+        table = terminal.Table(f"held out, {start_s:.4f} to {end_s:.4f} s", *sides)
         counts = [(*signs, sum(signs)) for signs in (held_out.real, held_out.simulated)]
         names = "ON events", "OFF events", "events"
         for name, real, simulated in zip(names, *counts, strict=True):

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+import eres_render
 from tasks.cli import terminal
 from tasks.cli.app import ScenePath, SequenceFolder
-from tasks.cli.table import Table
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
-
-if TYPE_CHECKING:
-    from eres_render import Camera, Scene
 
 
 def bake(
@@ -26,11 +23,10 @@ def bake(
     Writes them next to scene.xml. Without them, the first render bakes into the cache. Baking needs
     LLVM or a GPU; a machine without either can use the lightmaps in the folder.
     """
-    from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
     from eres_render.rendering.lightmaps import bake_scene
 
-    loaded = load_scene(scene)
+    loaded = eres_render.load_scene(scene)
     select_variant()
     with terminal.progress() as on_progress:
         files = bake_scene(loaded, on_progress=on_progress)
@@ -64,22 +60,21 @@ class View:
     camera: Path | None = None
     camera_name: str | None = None
 
-    def camera_of(self, scene: Scene) -> Camera:
+    def camera_of(self, scene: eres_render.Scene) -> eres_render.Camera:
         """Return the camera of the file, or that of the scene with these sides."""
-        from eres_render import RenderError
-
         sides = "resolution", "width", "height"
         given = [f"--{side}" for side in sides if getattr(self, side) is not None]
         given += ["--camera"] if self.camera is not None else []
         if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
             known = "--resolution, or --width and --height, or --camera"
-            raise RenderError(f"size of the frames: found {' and '.join(given)}, expected {known}")
+            found = f"found {' and '.join(given)}, expected {known}"
+            raise eres_render.RenderError(f"size of the frames: {found}")
         if self.camera is not None:
             from eres_render.calibration import read_camera
 
             return read_camera(self.camera, self.camera_name)
         if self.camera_name is not None:
-            raise RenderError(f"--camera-name {self.camera_name} needs --camera")
+            raise eres_render.RenderError(f"--camera-name {self.camera_name} needs --camera")
         if self.resolution is not None:
             return scene.camera(self.resolution)
         if self.width is None and scene.film is not None:
@@ -144,13 +139,11 @@ def render(
     dry_run
         Only print how many frames there are, and how much time and disk space they take.
     """
-    from eres_render import load_scene, render_scene
-
-    loaded = load_scene(scene, trajectory)
+    loaded = eres_render.load_scene(scene, trajectory)
     if spp is None:
         spp = math.ceil(math.sqrt(loaded.film.spp)) ** 2 if loaded.film else 16
     with terminal.progress() as on_progress:
-        sequences = render_scene(
+        sequences = eres_render.render_scene(
             loaded,
             out,
             camera=view.camera_of(loaded),
@@ -184,7 +177,6 @@ def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None
     trajectory
         Poses in TUM's format in place of the scene's path.
     """
-    from eres_render import continuous_stretch, load_scene
     from eres_render.storage.atomic import write_text
     from eres_render.trajectory.rig import second_camera, to_the_right
     from eres_render.trajectory.tum import tum_text
@@ -194,9 +186,10 @@ def stereo(scene: ScenePath, out: Path, baseline: float, trajectory: Path | None
         raise TaskError(f"{out}: already exists; choose another name")
     if not math.isfinite(baseline):
         raise TaskError(f"--baseline: found {baseline:g} m, expected a finite distance")
-    loaded = load_scene(scene, trajectory)
+    loaded = eres_render.load_scene(scene, trajectory)
     path = loaded.trajectory()
-    end_s = continuous_stretch(loaded).t_window_end_s  # refused if longer than one can render
+    # Refused if longer than one can render.
+    end_s = eres_render.continuous_stretch(loaded).t_window_end_s
     t_s, poses = second_camera(path, to_the_right(baseline), end_s)
     write_text(out, tum_text(t_s, poses, path.t_offset_us))
     terminal.say(f"{out}: {len(t_s)} poses")
@@ -234,13 +227,13 @@ def truth(
     overwrite
         Replace ground truth in the folder.
     """
-    from eres_render import ground_truth, open_sequence, window_times, write_truth
-
-    opened = open_sequence(sequence)
-    exact, times_s = ground_truth(opened), window_times(opened, step)
+    opened = eres_render.open_sequence(sequence)
+    exact, times_s = eres_render.ground_truth(opened), eres_render.window_times(opened, step)
     how = {"flow_png": flow_png, "overwrite": overwrite}
     with terminal.progress() as on_progress:
-        files = write_truth(exact, out, times_s, width, height, **how, on_progress=on_progress)
+        files = eres_render.write_truth(
+            exact, out, times_s, width, height, **how, on_progress=on_progress
+        )
     terminal.say(f"{out}: {len(files)} files, {len(times_s)} times")
 
 
@@ -270,10 +263,9 @@ def images(
     seed
         Seed of the noise.
     """
-    from eres_render import open_sequence
     from tasks.events.frame_camera import write_images
 
-    clip = open_sequence(sequence)
+    clip = eres_render.open_sequence(sequence)
     with terminal.progress() as on_progress:
         count = write_images(
             clip, out, rate, camera, speed=speed, seed=seed, on_progress=on_progress
@@ -300,12 +292,11 @@ def convergence(
     trajectory
         Poses in TUM's format in place of the scene's path.
     """
-    from eres_render import load_scene
     from tasks.evaluation.convergence import converge
 
-    table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
+    table = terminal.Table("samples", "motion", "seeds", "frames", "events", "", "PSNR")
     finest: int | None = None
-    loaded = load_scene(scene, trajectory)
+    loaded = eres_render.load_scene(scene, trajectory)
     with terminal.progress() as on_progress:
         outcomes = converge(
             loaded, resolution=resolution, duration_s=duration, on_progress=on_progress

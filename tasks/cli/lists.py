@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from rich.table import Column
 from rich.text import Text
 from tyro.conf import Positional, arg
 
+import eres_render
+from sensor.cameras import EventCamera, camera_names, find_camera
+from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.files import in_unit
 from tasks.cli import terminal
 from tasks.cli.app import AsJson
-from tasks.cli.table import Table
-
-if TYPE_CHECKING:
-    from sensor.cameras import EventCamera
-
 
 _LEGEND = """
 min: the smallest contrast seen, not the nominal threshold.
@@ -46,7 +45,7 @@ def doctor(*, as_json: AsJson = False) -> int:
     from tasks.provenance import versions
 
     verdicts = probe_variants() if is_installed("mitsuba") else []
-    table = Table("Mitsuba variant", "works", "remark", box=None)
+    table = terminal.Table("Mitsuba variant", "works", "remark")
     for verdict in verdicts:
         mark = Text("yes", "green") if verdict.works else Text("no", "red")
         remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
@@ -98,11 +97,9 @@ def _sensor_on_a_gpu() -> str:
 
 def scenes() -> None:
     """List the packaged scenes."""
-    from eres_render import list_scenes, load_scene
-
-    table = Table("scene", "description", "camera speed", "length", "license", box=None)
-    for name in list_scenes():
-        scene = load_scene(name)
+    table = terminal.Table("scene", "description", "camera speed", "length", "license")
+    for name in eres_render.list_scenes():
+        scene = eres_render.load_scene(name)
         speed = f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s"
         settings, length = scene.settings, f"{scene.duration_s:g} s"
         table.add_row(name, settings.title, speed, length, settings.license)
@@ -138,8 +135,6 @@ def sensors(
 
         print(json.dumps(camera_schema(), indent=2))
         return
-    from sensor.cameras import camera_names, find_camera
-
     if as_json:
         names = camera_names() if camera is None else [camera]
         cameras = {name: find_camera(name) for name in names}
@@ -148,7 +143,7 @@ def sensors(
         _show(find_camera(camera))
     else:
         heads = "sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s"
-        table = Table(*heads, box=None)
+        table = terminal.Table(*heads)
         for each in map(find_camera, camera_names()):
             table.add_row(*_facts(each))
         terminal.show(table)
@@ -157,9 +152,6 @@ def sensors(
 
 def _values(camera: EventCamera, known: bool = True) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the keys of a camera's file with their facts; with `known`, those with a source."""
-    from sensor.cameras.fields import FIELDS, KEYS
-    from sensor.cameras.files import in_unit
-
     for name, key in KEYS.items():
         stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
         value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
@@ -195,7 +187,7 @@ def _show(camera: EventCamera) -> None:
     year = str(camera.year) if camera.year else ""
     about = camera.title or camera.name, year, camera.interface
     terminal.say(", ".join(filter(None, about)))
-    table = Table("field", "value", "unit", "95 % interval", "kind", "source", box=None)
+    table = terminal.Table("field", "value", "unit", "95 % interval", "kind", "source")
     for name, facts in _values(camera, known=False):
         value, ends = facts["value"], facts["interval"]
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -219,7 +211,7 @@ def methods(*, as_json: AsJson = False) -> None:
     from tasks.registry import TASKS
 
     listed = []
-    table = Table("task", "method", Column("note", no_wrap=True), box=None)
+    table = terminal.Table("task", "method", Column("note", no_wrap=True))
     for task, spec in TASKS.items():
         for name in spec.methods:
             method = spec.method(name)

@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.app import require, several
-from tasks.cli.table import Table
+from tasks.events.overwriting import check_new
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
 _Recordings = Annotated[
@@ -32,7 +32,6 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     overwrite
         Replace existing files.
     """
-    from tasks.events.overwriting import check_new
     from tasks.rig import page as pages
     from tasks.rig.settings import read_rig
 
@@ -135,7 +134,6 @@ def intrinsics(
         Replace an existing file.
     """
     from eres_render.calibration import write_camera
-    from tasks.events.overwriting import check_new
     from tasks.rig import intrinsics as lens
 
     require(recordings, "file of events")
@@ -189,7 +187,6 @@ def detect(
     overwrite
         Replace an existing file.
     """
-    from tasks.events.overwriting import check_new
     from tasks.rig.detect import detect as find
     from tasks.rig.markers import write_detections
     from tasks.rig.recording import open_rig_recording, recorded_files
@@ -246,7 +243,6 @@ def solve(
     overwrite
         Replace an existing file.
     """
-    from tasks.events.overwriting import check_new
     from tasks.rig.bundle import Unknowns
     from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
     from tasks.rig.markers import read_detections
@@ -262,7 +258,7 @@ def solve(
         for recording in opened
     ]
     write_calibration(out, solved, overwrite=overwrite)
-    table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
+    table = terminal.Table("recording", "markers", "rms", "latency", "scale", "corner bias")
     for result in solved:
         markers = f"{result.inliers} of {result.markers} in {result.images} images"
         delay, factor = f"{result.latency_ms:.3f} ms", f"{result.pose.scale:.5f}"
@@ -358,7 +354,6 @@ def evaluate(
     from dataclasses import asdict
     from statistics import median
 
-    from tasks.events.overwriting import check_new
     from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
@@ -388,7 +383,7 @@ def evaluate(
     for row in rows:
         key = row.task, row.method, row.variant, str(row.width), f"{row.speed:g}", row.metric
         groups.setdefault(key, []).append(row.value)
-    table = Table("task", "method", "variant", "width", "m/s", "metric", "median", box=None)
+    table = terminal.Table("task", "method", "variant", "width", "m/s", "metric", "median")
     for cells, values in sorted(groups.items()):
         table.add_row(*cells, f"{median(values):.3g}")
     terminal.show(table)

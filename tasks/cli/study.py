@@ -14,7 +14,6 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from sensor.model import Photoreceptor
 from tasks.cli import terminal
 from tasks.cli.app import AsJson, OtherRuns, RunFolder, WeightsFiles
-from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
 
 if TYPE_CHECKING:
@@ -242,7 +241,7 @@ def _show_claims(run: FinishedRun) -> None:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         number, title = f"\n{verdict.number:2} ", f": {verdict.title}{likeness}"
         terminal.say(Text.assemble(number, marks[verdict.status], title))
-        table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
+        table = terminal.Table(Column(no_wrap=True), "", show_header=False, pad_edge=False)
         table.add_row("   ours", verdict.ours)
         table.add_row("   paper", verdict.paper)
         if verdict.why:

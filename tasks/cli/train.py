@@ -10,7 +10,6 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.app import require, several
-from tasks.cli.table import Table
 from tasks.errors import TrainingError
 
 _Runs = Annotated[Positional[tuple[Path, ...]], several("RUNS", "folders of finished trainings")]
@@ -118,7 +117,7 @@ def _train(settings: Any, options: TrainingOptions) -> None:
         )
     if options.dry_run:
         return
-    table = Table("held-out crops", *("network", *problem.baselines), title=problem.score, box=None)
+    table = terminal.Table("held-out crops", *("network", *problem.baselines), title=problem.score)
     for name, values in scores.items():
         table.add_row(name, *(f"{value:.2f}" for value in values))
     terminal.show(table)

@@ -13,8 +13,7 @@ from sensor import Events, SensorModel, simulate
 from sensor.levels import DARK_SHARE
 from sensor.optics import integrate
 from tasks.footage import Footage
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px, followed, gray
+from tasks.footage.interpolation import displacements_px, followed, gray, interpolated, steps_for
 
 _log = logging.getLogger(__name__)
 

@@ -92,8 +92,7 @@ def simulate_footage(
             install("video"),
         )
     if interpolate is not None:
-        from tasks.footage.interpolation import interpolated, steps_for
-        from tasks.footage.motion import displacements_px
+        from tasks.footage.interpolation import displacements_px, interpolated, steps_for
 
         if interpolate == "auto":
             sensor_px = model.width / (seen[1].stop - seen[1].start)

@@ -10,11 +10,6 @@ from tasks.errors import TaskError
 
 _MAX_ELECTRONS = 1e15
 _MIN_EXPOSURE_S = 1e-6  # frames.csv has whole microseconds
-_EXPECTED = {
-    "exposure": f"at least {_MIN_EXPOSURE_S:g} seconds",
-    "full_well": f"a positive number of at most {_MAX_ELECTRONS:g}, or inf",
-    "read_noise": "a finite number, 0 or more",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +41,15 @@ class FrameCameraOptions:
         TaskError
             The text names the option.
         """
-        well = self.full_well
-        possible = {
-            "exposure": _MIN_EXPOSURE_S <= self.exposure < math.inf,
-            "full_well": 0 < well <= _MAX_ELECTRONS or well == math.inf,
-            "read_noise": 0 <= self.read_noise < math.inf,
-        }
-        for name, is_possible in possible.items():
-            if not is_possible:
-                raise TaskError(f"{name}: found {getattr(self, name)}, expected {_EXPECTED[name]}")
+        seconds, well, noise = self.exposure, self.full_well, self.read_noise
+        if not _MIN_EXPOSURE_S <= seconds < math.inf:
+            expected = f"at least {_MIN_EXPOSURE_S:g} seconds"
+            raise TaskError(f"exposure: found {seconds}, expected {expected}")
+        if not (0 < well <= _MAX_ELECTRONS or well == math.inf):
+            expected = f"a positive number of at most {_MAX_ELECTRONS:g}, or inf"
+            raise TaskError(f"full_well: found {well}, expected {expected}")
+        if not 0 <= noise < math.inf:
+            raise TaskError(f"read_noise: found {noise}, expected a finite number, 0 or more")
 
 
 USUAL_CAMERA = FrameCameraOptions()

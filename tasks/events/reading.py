@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from sensor import Events
+import sensor
 
 SHIFT_LIMIT_US = 1 << 62
 """Shifts of times are smaller, so that int64 holds the sum of two."""
@@ -36,7 +34,7 @@ class ReadOptions:
     sort: bool = False
     topic: str | None = None
 
-    def parts(self, path: str | Path, format: str | None) -> Iterator[Events]:
+    def parts(self, path: str | Path, format: str | None) -> Iterator[sensor.Events]:
         """Read a file.
 
         Parameters

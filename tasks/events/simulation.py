@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from tasks.events.imu import imu_to_add
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
 from tasks.events.truth import AddTo, truth_to_add
+from tasks.footage import Footage
 from tasks.origin import origin_of
 from tasks.warm_up import TIME_CONSTANTS, warn_if_coarse, warn_if_short
 
@@ -31,22 +31,7 @@ _log = logging.getLogger(__name__)
 
 _SAMPLES_ALONG = 3  # of frames along a pixel, from which on a fill factor acts, see `SensorModel`
 
-
-class RadianceFrames(Protocol):
-    """Frames of linear radiance with their times: a `RadianceSequence`, or `Footage`."""
-
-    @property
-    def t_s(self) -> NDArray[np.float64]: ...
-    @property
-    def t_offset_us(self) -> int: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def white_level(self) -> float: ...
-    def __len__(self) -> int: ...
-    def __iter__(self) -> Iterator[NDArray[np.float32]]: ...
+RadianceFrames = RadianceSequence | Footage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, repeat
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from tasks.errors import TaskError
 from tasks.footage import images, video
 from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
 
 _log = logging.getLogger(__name__)
 
@@ -63,7 +62,7 @@ class Footage:
     encoding: str
     white_level: float
     frames: Callable[[], Iterator[Float32]]
-    mender: Mender | None = None
+    mender: Luminance | None = None
     fps: float | None = None
 
     def __len__(self) -> int:
@@ -135,7 +134,7 @@ def open_footage(
         Layer of OpenEXR files, see `eres_render.storage.exr.read_luminance`.
     repair
         Whether float pixels that are NaN, infinite or negative get the median of their neighbors;
-        see `Mender`.
+        see `Luminance`.
 
     Returns
     -------
@@ -170,24 +169,14 @@ def open_footage(
         usual = video.tagged_encoding(path, encoding)
         t_ns = video.times_ns(path, fps)
         coded = partial(video.read_frames, path, len(t_ns))
-    are_exr = files != [] and images.is_exr(files[0])
-    for option, value, applies, kind in (
-        ("--time-unit", time_unit, files, "a folder with timestamps.txt"),
-        ("--layer", layer, are_exr, "OpenEXR images"),
-    ):
-        if value is not None and not applies:
-            raise TaskError(f"{path}: {option} is only for {kind}")
+    if time_unit is not None and not files:
+        raise TaskError(f"{path}: --time-unit is only for a folder with timestamps.txt")
+    if layer is not None and not (files and images.is_exr(files[0])):
+        raise TaskError(f"{path}: --layer is only for OpenEXR images")
     first = next(coded())
     encoding, white = coding_of(first, encoding, usual, path)
-    luminance = Luminance(encoding)
-    mender = None
-    if first.dtype.kind == "f":
-        mender = Mender(white, repair, "; --repair replaces them with their neighbors' median")
-
-    def frames() -> Iterator[Float32]:
-        light = map(luminance, coded())
-        return light if mender is None else map(mender, files, light)
-
+    advice = "; --repair replaces them with their neighbors' median"
+    luminance = Luminance(encoding, white, repair, advice)
     offset_us = t_ns[0] // 1000
     return Footage(
         path=path,
@@ -197,7 +186,7 @@ def open_footage(
         width=first.shape[1],
         encoding=encoding,
         white_level=white,
-        frames=frames,
-        mender=mender,
+        frames=lambda: map(luminance, files or repeat(path), coded()),
+        mender=luminance if first.dtype.kind == "f" else None,
         fps=fps,
     )

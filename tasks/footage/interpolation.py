@@ -1,4 +1,8 @@
-"""Motion-compensated frames between the frames of footage."""
+"""How far things move from frame to frame, and motion-compensated frames in between.
+
+The simulation interpolates between frames. Where a texture moves by more than about a pixel, it
+therefore misses variations of the light, and their events.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +13,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.cores import cores
+from eres_render.progress import Progress, silent
 from tasks.footage.footage import Footage
-from tasks.footage.motion import gray, optical_flow
 from tasks.footage.warping import blend, coefficients, find_later
 
 Float32 = NDArray[np.float32]
 
 _MAX_PX = 0.5  # largest motion per step
 _ROWS = 64  # that a thread computes at a time
+_MEASURED_PX = 320  # longer side of the images in which motion is measured
+_PERCENTILE = 95  # of the displacements, so that a few wrong vectors do not matter
+_MIN_PX = 64  # DIS finds too little motion in images with a shorter side, or fails
+_EDGE = 4.0  # gray levels per px: less is noise, and flow in a plain area means nothing
 
 
 def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
@@ -88,3 +97,107 @@ def _between(before: _End, after: _End, steps: int, workers: Executor) -> Iterat
         blended = partial(blend, before.spline, after.spline, flow, later, k / steps)
         list(workers.map(blended, starts, bands))
         yield frame
+
+
+def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
+    """Measure the motion from each frame to the next, by DIS optical flow on small images.
+
+    Only motion across edges counts: along them the light does not change, nor in plain areas.
+
+    Returns
+    -------
+    (T - 1,) 95th percentile of the displacements of the edges between each pair of frames, px of
+    the footage; 0 without edges.
+    """
+    scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
+    width, height = (max(_MIN_PX, round(scale * side)) for side in (footage.width, footage.height))
+    lengths = []
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for k, frame in enumerate(footage, start=1):
+            small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+            yield gray(small, footage.white_level)
+            on_progress("measuring motion", k, len(footage))
+
+    scales = width / footage.width, height / footage.height
+    for before, after in pairwise(images()):
+        across = _across_edges(before, optical_flow(before, after), scales)
+        lengths.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
+    return np.array(lengths)
+
+
+def _across_edges(
+    image: NDArray[np.uint8], flow: Float32, scales: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Return the lengths of the components of flow along the gradient, where there is one.
+
+    Parameters
+    ----------
+    image
+        (H, W) small image.
+    flow
+        (H, W, 2) its displacements, px of the small image.
+    scales
+        Size of the small image over that of the footage, in x and y; a narrow one is stretched.
+
+    Returns
+    -------
+    (N,) px of the footage.
+    """
+    sides = [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))]
+    gradient = np.stack(sides, axis=-1)
+    edge = np.hypot(*np.moveaxis(gradient, 2, 0)) > _EDGE
+    change = np.abs(np.sum(gradient * flow, axis=2)[edge])  # of the light; the scales cancel
+    return change / np.hypot(*np.moveaxis(gradient[edge] * scales, 1, 0))
+
+
+def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
+    """Return an image for optical flow, in which dark and bright textures have similar contrast.
+
+    Parameters
+    ----------
+    light
+        (H, W) linear radiance.
+
+    Returns
+    -------
+    (H, W) uint8.
+    """
+    return np.clip(255 * np.sqrt(light / white_level), 0, 255).astype(np.uint8)
+
+
+def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
+    """Return dense optical flow (DIS; Kroeger et al., ECCV 2016).
+
+    Parameters
+    ----------
+    before, after
+        (H, W) images as from `gray`.
+
+    Returns
+    -------
+    (H, W, 2) float32 displacements of the points of `before`, px: x, then y.
+    """
+    height, width = before.shape
+    larger = max(width, _MIN_PX), max(height, _MIN_PX)
+    first, second = (cv2.resize(image, larger) for image in (before, after))  # same size: a copy
+    still = np.zeros((*larger[::-1], 2), np.float32)
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow = cv2.resize(dis.calc(first, second, still), (width, height))
+    return np.asarray(flow * np.array([width / larger[0], height / larger[1]], np.float32))
+
+
+def followed(image: Float32, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
+    """Return an image of the moment of `after`, moved back to `before` along their flow.
+
+    Parameters
+    ----------
+    image
+        (H, W).
+    before, after
+        As for `optical_flow`.
+    """
+    columns, rows = (np.arange(side, dtype=np.float32) for side in image.shape[::-1])
+    at = optical_flow(before, after) + np.dstack(np.meshgrid(columns, rows))
+    x, y = np.moveaxis(at, 2, 0).copy()
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

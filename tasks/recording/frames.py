@@ -28,7 +28,6 @@ from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import has_transparency, list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance, coding_of
-from tasks.footage.mending import Mender
 
 logger = logging.getLogger(__name__)
 
@@ -83,18 +82,14 @@ class RecordedFrames:
 
     @cached_property
     def _luminance(self) -> Luminance:
-        return Luminance(self.encoding)
-
-    @cached_property
-    def _mender(self) -> Mender:
-        return Mender(self.white_level)
+        return Luminance(self.encoding, self.white_level)
 
     @cached_property
     def _shape(self) -> tuple[int, ...]:
-        return self._luminance(next(read_images([self.files[0]]))).shape
+        return next(read_images([self.files[0]])).shape[:2]
 
     def _in_units_of_white(self, file: Path, image: NDArray[np.generic]) -> NDArray[np.float32]:
-        return self._mender(file, self._luminance(image)) / np.float32(self.white_level)
+        return self._luminance(file, image) / np.float32(self.white_level)
 
     def light(self, k: int) -> NDArray[np.float32]:
         """Return the light of a frame, (H, W), in units of white.

@@ -20,8 +20,7 @@ from sensor import Events
 from sensor.kernels.photoreceptor import photoreceptor_step
 from tasks.errors import TaskError
 from tasks.footage import Footage
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px
+from tasks.footage.interpolation import displacements_px, interpolated, steps_for
 from tasks.numerics.estimate import tiles_of, units
 from tasks.recording.frames import RecordedFrames
 

@@ -14,10 +14,12 @@ from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, ReadOptions
 
+_ALL_US = -(1 << 63), 1 << 63
+
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The events of a real camera.
+    """The events of a file, all or those of a part of its time.
 
     Parameters
     ----------
@@ -51,7 +53,8 @@ class Recording:
 
     def parts(self) -> Iterator[Events]:
         """Read the file in parts."""
-        return self.reading.parts(self.path, self.format)
+        parts = self.reading.parts(self.path, self.format)
+        return _between(parts, self.start_us, self.end_us)
 
     def counted(self, stage: str, on_progress: Progress) -> Iterator[Events]:
         """Read the file in parts, and report progress after each.
@@ -75,7 +78,11 @@ class Recording:
 
 
 def open_recording(
-    path: str | Path, *, format: str | None = None, reading: ReadOptions = AS_STORED
+    path: str | Path,
+    *,
+    format: str | None = None,
+    reading: ReadOptions = AS_STORED,
+    span_us: tuple[int, int] = _ALL_US,
 ) -> Recording:
     """Open a file of events; reads all of it once, for its times and number of events.
 
@@ -87,6 +94,8 @@ def open_recording(
         Its format; by default that of its extension or header.
     reading
         How to read it.
+    span_us
+        Which events to take, [start, end), us; by default all.
 
     Returns
     -------
@@ -97,20 +106,29 @@ def open_recording(
     EventFormatError
         The file is damaged, or its size is neither stored nor given.
     TaskError
-        The file has no events.
+        The file has no events, or none of these times.
     """
     path = Path(path)
     parts = reading.parts(path, format)
     header = read_header(path, format=format, topic=reading.topic).with_size(reading.size)
     first_us, last_us, count = 0, 0, 0
-    for part in parts:
+    for part in _between(parts, *span_us):
         if len(part):
             first_us = first_us if count else int(part.t_us[0])
             last_us = int(part.t_us[-1])
             count += len(part)
     if not count:
-        raise TaskError(f"{path}: has no events")
+        where = "" if span_us == _ALL_US else " in the time to show"
+        raise TaskError(f"{path}: has no events{where}")
     return Recording(path, header, first_us, last_us + 1, count, reading, format)
+
+
+def _between(parts: Iterable[Events], start_us: int, end_us: int) -> Iterator[Events]:
+    """Yield the events in [start_us, end_us); reads no more than these."""
+    for part in parts:
+        yield part.between(start_us, end_us)
+        if len(part) and part.t_us[-1] >= end_us:
+            return
 
 
 def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Iterator[Events]:

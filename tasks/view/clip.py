@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from PIL import Image
 from PIL.Image import Resampling
 from scipy.ndimage import maximum_filter
 
-from eres_render import GroundTruth, RadianceSequence
+from eres_render import GroundTruth, RadianceSequence, ground_truth
 from sensor.optics import crop_to_aspect
 from tasks.footage import Footage
 from tasks.view.drawing import Picture, depth_colors, flow_colors, resized, tone_mapped
@@ -26,38 +26,38 @@ _TRUTH_WIDTH = 640  # px; a ray is cast for every pixel
 
 
 class TimedFrames:
-    """Frames by time on the clock of events.
+    """Frames of a rendered clip or of footage, by time on the clock of events.
 
     Parameters
     ----------
-    path
-        Where they are.
     frames
-        A rendered clip, or footage.
-    read
-        Returns frame i, (H, W) of linear radiance.
+        The clip or the footage.
     speed
         Factor by which the scene moved faster for the events than in the frames.
     shift_us
         How far the events were shifted since, us.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        frames: RadianceSequence | Footage,
-        read: Callable[[int], NDArray[np.float32]],
-        speed: float,
-        shift_us: int = 0,
-    ) -> None:
-        self.path = path
+    def __init__(self, frames: RadianceSequence | Footage, speed: float, shift_us: int = 0) -> None:
+        self.path = frames.path if isinstance(frames, Footage) else frames.folder
+        self._frames = frames
+        self._stream: Iterator[NDArray[np.float32]] = iter(())  # of footage
+        self._next = len(frames)
         self._speed = speed
         self._times_s = frames.t_s
         self._offset_us = frames.t_offset_us + shift_us
         times_us = np.ceil(frames.t_s / speed * 1e6).astype(int)
         self._times_us = times_us + self._offset_us  # of events that see a frame
-        white = frames.white_level
-        self._read = lru_cache(maxsize=1)(lambda i: tone_mapped(read(i), white))
+        self._read = lru_cache(maxsize=1)(self._shown)
+
+    def _shown(self, i: int) -> Picture:
+        """Return frame i; footage is read in order, and an earlier frame starts again."""
+        if isinstance(self._frames, RadianceSequence):
+            return tone_mapped(self._frames.frame(i), self._frames.white_level)
+        if i < self._next:
+            self._stream, self._next = iter(self._frames), 0
+        skipped, self._next = i - self._next, i + 1
+        return tone_mapped(next(islice(self._stream, skipped, None)), self._frames.white_level)
 
     def path_s(self, t_us: int) -> float:
         """Return the time on the clip's path, s, from its first frame to its last."""
@@ -110,22 +110,8 @@ class ClipFrames(TimedFrames):
     """The frames of a rendered clip."""
 
     def __init__(self, sequence: RadianceSequence, speed: float = 1.0, shift_us: int = 0) -> None:
-        super().__init__(sequence.folder, sequence, sequence.frame, speed, shift_us)
+        super().__init__(sequence, speed, shift_us)
         self.sequence = sequence
-
-
-class FootageFrames(TimedFrames):
-    """The frames of footage, read in order; an earlier frame starts again."""
-
-    def __init__(self, footage: Footage, speed: float) -> None:
-        super().__init__(footage.path, footage, self._frame, speed)
-        self._footage, self._frames, self._next = footage, iter(footage), 0
-
-    def _frame(self, i: int) -> NDArray[np.float32]:
-        if i < self._next:
-            self._frames, self._next = iter(self._footage), 0
-        skipped, self._next = i - self._next, i + 1
-        return next(islice(self._frames, skipped, None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +201,15 @@ class FlowSource(_TruthSource):
 
 
 ClipSource = FrameSource | DepthSource | FlowSource
+Show = Literal["frames", "depth", "flow"]
+
+
+def clip_source(frames: ClipFrames, show: Show) -> ClipSource:
+    """Return what to draw of a clip."""
+    if show == "frames":
+        return FrameSource(frames)
+    truth = ground_truth(frames.sequence)
+    return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
 
 
 def _some(times_us: Sequence[int]) -> list[int]:

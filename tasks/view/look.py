@@ -75,6 +75,8 @@ class Look:
             if value is not None and not low <= value <= high:
                 span = f"{low:g} or more" if math.isinf(high) else f"{low:g} to {high:g}"
                 raise TaskError(f"{name}: found {value}, expected {span}")
+        if not self.span_us[0] < self.span_us[1]:
+            raise TaskError(f"--start {self.start:g} is not before --end {self.end:g}")
 
     @property
     def window_ms(self) -> float:
@@ -85,6 +87,12 @@ class Look:
     def length_us(self) -> int | None:
         """Length of a window, us; None if its number of events is given."""
         return None if self.count is not None else round(1e3 * self.window_ms)
+
+    @property
+    def span_us(self) -> tuple[int, int]:
+        """From `start` to `end`, us; the limits of int64 if they are not given."""
+        start_us = -(1 << 63) if self.start is None else round(1e6 * self.start)
+        return start_us, 1 << 63 if self.end is None else round(1e6 * self.end)
 
 
 ALL_OF_IT = Look()

@@ -6,28 +6,34 @@ The events are drawn over frames if their source has them.
 from __future__ import annotations
 
 import base64
+import io
 import logging
 import zlib
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from numpy.typing import NDArray
+from PIL import Image
 
 from eres_render.progress import Progress
 from eres_render.storage.atomic import write_text
 from tasks.errors import TaskError
 from tasks.view.drawing import STRENGTHS
-from tasks.view.event_file import EventSource
-from tasks.view.player_frames import pack_frames
-from tasks.view.subject import Subject
+from tasks.view.subject import EventSource, Subject
 
 _log = logging.getLogger(__name__)
 
 MAX_EVENTS = 2_000_000
 """Largest number of events of a page, all files together; of more, every second, third, ... is
 kept."""
+MAX_FRAMES = 200
+"""Largest number of frames behind one file; of more, every second, third, ... is kept."""
+MAX_PIXELS = 48_000_000
+"""Largest number of pixels in all frames of a page; a browser needs 4 bytes for each."""
+_MAX_PX = 640  # frames for wider sensors are scaled down
+_WEBP_QUALITY = 60
 
 _WINDOWS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # to choose from
 
@@ -38,28 +44,6 @@ _TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class PackedEvents:
-    """Events of one file, for the page.
-
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    data
-        Base64 of the columns, little-endian and compressed by zlib: uint32 time since the previous
-        event, us (for the first, since the start of the page); uint16 x; uint16 y; uint8 polarity,
-        1 for brighter.
-    """
-
-    title: str
-    width: int
-    height: int
-    count: int
-    every: int
-    data: str
 
 
 def write_player(
@@ -75,7 +59,7 @@ def write_player(
     sources, span_us = subject.event_sources, (subject.start_us, subject.end_us)
     if span_us[1] - span_us[0] >= 1 << 32:
         raise TaskError(f"{path}: a page holds at most 71 minutes; give --start and --end")
-    count = sum(subject.counts)
+    count = sum(source.recording.count for source in sources)
     every = -(-count // MAX_EVENTS)
     if every > 1:
         _log.warning(
@@ -88,7 +72,7 @@ def write_player(
         )
     packed = []
     for k, source in enumerate(sources, start=1):
-        packed.append(pack(source, span_us, every))
+        packed.append(_pack(source, span_us[0], every))
         on_progress("packing", k, len(sources))
     frames = pack_frames(sources, span_us)
     palette = sources[0].palette
@@ -106,35 +90,71 @@ def write_player(
             "ground": palette.ground,
             "strengths": STRENGTHS,
             "sources": [
-                asdict(events) | {"frames": behind and asdict(behind)}
-                for events, behind in zip(packed, frames, strict=True)
+                {**events, "frames": behind} for events, behind in zip(packed, frames, strict=True)
             ],
         },
     )
     write_text(path, page, overwrite=overwrite)
 
 
-def pack(source: EventSource, span_us: tuple[int, int], every: int) -> PackedEvents:
-    """Pack the events of a file for the page.
+def _pack(source: EventSource, start_us: int, every: int) -> dict[str, Any]:
+    """Return the events of a file for a page that starts at `start_us`.
 
-    Parameters
-    ----------
-    span_us
-        The part that is packed, [start, end), us.
+    Its data are Base64 of the columns, little-endian and compressed by zlib: uint32 time since the
+    previous event, us (for the first, since the start of the page); uint16 x; uint16 y; uint8
+    polarity, 1 for brighter.
     """
-    packed: list[tuple[NDArray, ...]] = []
+    packed = []
     count = 0
-    for part in source.parts():
-        inside = part.between(*span_us)
+    for part in source.recording.parts():
         chosen = slice(-count % every, None, every)
-        packed.append(tuple(column[chosen].copy() for column in inside.columns))
-        count += len(inside)
-        if len(part) and part.t_us[-1] >= span_us[1]:
-            break
+        packed.append([column[chosen].copy() for column in part.columns])
+        count += len(part)
     t_us, x, y, p = map(np.concatenate, zip(*packed, strict=True))
-    steps = np.diff(t_us, prepend=span_us[0]).astype("<u4")
+    steps = np.diff(t_us, prepend=start_us).astype("<u4")
     columns = steps, x.astype("<u2"), y.astype("<u2"), (p > 0).astype("u1")
     data = zlib.compress(b"".join(column.tobytes() for column in columns), 6)
     width, height = source.size
-    encoded = base64.b64encode(data).decode()
-    return PackedEvents(source.title, width, height, len(t_us), every, encoded)
+    return {
+        "title": source.title,
+        "width": width,
+        "height": height,
+        "count": len(t_us),
+        "every": every,
+        "data": base64.b64encode(data).decode(),
+    }
+
+
+def pack_frames(
+    sources: Sequence[EventSource], span_us: tuple[int, int]
+) -> list[dict[str, Any] | None]:
+    """Return the frames behind files of events for a page that shows [start, end), us.
+
+    They are few enough, and small enough, for a browser. Each has the time from which it is shown,
+    us after the start of the page.
+    """
+    sizes = [_size(source) for source in sources if source.frames is not None]
+    pixels = sum(width * height for width, height in sizes)
+    limit = max(1, min(MAX_FRAMES, MAX_PIXELS // max(pixels, 1)))
+    return [_packed_frames(source, span_us, limit) for source in sources]
+
+
+def _size(source: EventSource) -> tuple[int, int]:
+    width, height = source.size
+    scale = min(1.0, _MAX_PX / width)
+    return max(1, round(scale * width)), max(1, round(scale * height))
+
+
+def _packed_frames(
+    source: EventSource, span_us: tuple[int, int], limit: int
+) -> dict[str, Any] | None:
+    if source.frames is None:
+        return None
+    times_us = source.frames.times_us(*span_us)
+    times_us = times_us[:: -(-len(times_us) // limit)]
+    images = []
+    for t_us in times_us:
+        picture, file = source.frames.seen_by(*_size(source), t_us), io.BytesIO()
+        Image.fromarray(picture).save(file, "WEBP", quality=_WEBP_QUALITY, method=4)
+        images.append(base64.b64encode(file.getvalue()).decode())
+    return {"t_us": [t_us - span_us[0] for t_us in times_us], "images": images}

@@ -16,7 +16,7 @@ from eres_render.storage.atomic import new_file
 from sensor.events import Events
 from tasks.errors import TaskError
 from tasks.view.clip import ClipFrames, DepthSource, FlowSource
-from tasks.view.event_file import EventSource, Source
+from tasks.view.subject import EventSource, Source
 
 _MAX_POINTS = 20_000  # in a window
 _MAX_US = (1 << 63) // 1000  # Rerun counts nanoseconds

@@ -2,37 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
-from eres_render import RadianceSequence, ground_truth, open_sequence
+import numpy as np
+
+from eres_render import RadianceSequence, open_sequence
 from eres_render.progress import Progress
-from sensor import errors
 from sensor.cameras import EventCamera, find_camera
-from sensor.formats import Header, read_header
+from sensor.events import Events, concatenate
+from sensor.formats import Header
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.reading import AS_STORED, ReadOptions
 from tasks.events.simulation import FASTEST
 from tasks.footage import Footage
 from tasks.origin import in_text, shift_us
-from tasks.view.clip import (
-    ClipFrames,
-    ClipSource,
-    DepthSource,
-    FlowSource,
-    FootageFrames,
-    FrameSource,
-    TimedFrames,
-)
-from tasks.view.drawing import PALETTES
-from tasks.view.event_file import EventSource, Source
+from tasks.recording.recording import Recording, cut, open_recording
+from tasks.view.clip import ClipFrames, ClipSource, Show, TimedFrames, clip_source
+from tasks.view.drawing import PALETTES, Palette, draw_events, plain
+from tasks.view.layout import Panel
 from tasks.view.look import Look
-from tasks.view.windows import span_of
 
-Show = Literal["frames", "depth", "flow"]
+
+@dataclass(frozen=True, slots=True)
+class EventSource:
+    """A file of events, the frames behind them, and the name of a camera for the caption."""
+
+    recording: Recording
+    look: Look
+    frames: TimedFrames | None = None
+    camera: str = ""
+
+    @property
+    def palette(self) -> Palette:
+        """The colors."""
+        return PALETTES[self.look.palette]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the sensor, px."""
+        return self.recording.size
+
+    @property
+    def title(self) -> str:
+        """Size and cutoff of the sensor, or the file if it is unknown."""
+        model = self.recording.header.model
+        if model is None:
+            return self.camera or self.name
+        cutoff = f"{model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else "ideal"
+        return f"{model.width}x{model.height} px, {cutoff}"
+
+    @property
+    def name(self) -> str:
+        """Name of the file, as text."""
+        return in_text(self.recording.path.name)
+
+    def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
+        """Yield a panel for each of the ascending times, us."""
+        for _, panel in self.drawn(times_us):
+            yield panel
+
+    def drawn(self, times_us: Sequence[int]) -> Iterator[tuple[Events, Panel]]:
+        """Yield the events of each window, and its panel."""
+        parts, length_us = self.recording.parts(), self.look.length_us
+        if length_us is None:
+            windows = last_events(parts, times_us, self.look.count or 0)
+        else:
+            windows = cut(parts, [(t_us - length_us, t_us) for t_us in times_us])
+        ground = plain(*self.size, self.palette.ground)
+        for t_us, events in zip(times_us, windows, strict=True):
+            if self.frames is not None:
+                ground = self.frames.seen_by(*self.size, t_us)
+            us = length_us
+            if us is None:
+                us = t_us - int(events.t_us[0]) if len(events) else 1
+            picture = draw_events(events, ground, self.palette)
+            # Events per microsecond are millions per second.
+            yield events, Panel(picture, self.title, f"{len(events) / us:.3g} Mev/s")
+
+
+def last_events(parts: Iterable[Events], ends_us: Sequence[int], count: int) -> Iterator[Events]:
+    """Yield the last events before each of the ascending times, at most `count`."""
+    stream = iter(parts)
+    held = next(stream)
+    for end_us in ends_us:
+        while not (len(held) and held.t_us[-1] >= end_us):
+            if (part := next(stream, None)) is None:
+                break
+            held = concatenate([held[-count:], part])
+        stop = int(np.searchsorted(held.t_us, end_us))
+        held = held[max(0, stop - count) :]
+        yield held[: min(stop, count)]
+
+
+Source = EventSource | ClipSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +113,6 @@ class Subject:
     sources: tuple[Source, ...]
     start_us: int
     end_us: int
-    counts: tuple[int, ...]
 
     @property
     def event_sources(self) -> tuple[EventSource, ...]:
@@ -83,31 +147,38 @@ def open_subject(
     camera = EventCamera() if look.sensor is None else find_camera(look.sensor)
     if look.sensor is not None and reading.size is None:
         reading = replace(reading, size=camera.size)
-    headers = {path: _header(path, reading, format) for path in files}
+    clips = {path: open_sequence(path) for path in paths if path not in files}
+    recordings = {}
+    for k, path in enumerate(files):
+        on_progress("reading", k, len(files))
+        recordings[path] = open_recording(
+            path, format=format, reading=reading, span_us=look.span_us
+        )
+    headers = {path: recording.header for path, recording in recordings.items()}
 
     def source(path: Path) -> Source:
-        if path not in headers:
-            return _clip_source(_rendered(open_sequence(path), headers), show)
-        return EventSource(
-            path,
-            headers[path],
-            PALETTES[look.palette],
-            length_us=look.length_us,
-            count=look.count,
-            format=format,
-            reading=reading,
-            frames=None if over is None else _behind(over, path, headers[path]),
-            start_us=_us(look.start),
-            camera=camera.name,
-        )
+        if path in clips:
+            return clip_source(_rendered(clips[path], headers), show)
+        frames = None if over is None else _behind(over, path, headers[path])
+        return EventSource(recordings[path], look, frames, camera.name)
 
-    return _timed(tuple(map(source, paths)), look, on_progress)
-
-
-def _header(path: Path, reading: ReadOptions, format: str | None) -> Header:
-    header = read_header(path, format=format, topic=reading.topic)
-    with errors.reading(path):
-        return header.with_size(reading.size)
+    sources = tuple(map(source, paths))
+    shown = {source.frames for source in sources if source.frames is not None}
+    spans_us = [(recording.start_us, recording.end_us) for recording in recordings.values()]
+    spans_us = spans_us or [frames.span_us() for frames in shown]
+    start_us, end_us = look.span_us
+    if look.start is None:
+        start_us = min(start for start, _ in spans_us)
+    if look.end is None:
+        end_us = max(end for _, end in spans_us)
+    for frames in shown:
+        first_us, last_us = frames.span_us()
+        if last_us < start_us or first_us > end_us:
+            raise TaskError(
+                f"{frames.path}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
+                f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
+            )
+    return Subject(sources, start_us, end_us)
 
 
 def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
@@ -118,7 +189,7 @@ def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
         options = FootageOptions(fps=None if fps is None else float(fps), encoding=str(encoding))
     frames = open_source_frames(over, options)
     if isinstance(frames, Footage):
-        return FootageFrames(frames, _speed(path, header))
+        return TimedFrames(frames, _speed(path, header))
     return _rendered(frames, {path: header})
 
 
@@ -142,45 +213,6 @@ def _speed(path: Path, header: Header) -> float:
     if isinstance(speed, str) or not 0 < speed < FASTEST:
         raise TaskError(f"{path}: origin, speed: found {speed!r}, expected a positive number")
     return float(speed)
-
-
-def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
-    if show == "frames":
-        return FrameSource(frames)
-    truth = ground_truth(frames.sequence)
-    return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
-
-
-def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Subject:
-    start_us, end_us = _us(look.start), _us(look.end)
-    if start_us is not None and end_us is not None and not start_us < end_us:
-        raise TaskError(f"--start {look.start:g} is not before --end {look.end:g}")
-    files = any(isinstance(source, EventSource) for source in sources)
-    spans_us, counts = [], []
-    for k, source in enumerate(sources):
-        on_progress("reading", k, len(sources))
-        if isinstance(source, EventSource):
-            span = span_of(source.parts(), start_us, end_us)
-            if span is None:
-                raise TaskError(f"{source.path}: has no events in the time to show")
-            counts.append(span.count)
-            spans_us.append((span.start_us, span.end_us))
-        elif not files:
-            spans_us.append(source.frames.span_us())
-    start_us = min(start for start, _ in spans_us) if start_us is None else start_us
-    end_us = max(end for _, end in spans_us) if end_us is None else end_us
-    for frames in {source.frames for source in sources if source.frames is not None}:
-        first_us, last_us = frames.span_us()
-        if last_us < start_us or first_us > end_us:
-            raise TaskError(
-                f"{frames.path}: the frames cover {_s(first_us)} to {_s(last_us)} s, "
-                f"but the time to show is {_s(start_us)} to {_s(end_us)} s"
-            )
-    return Subject(sources, start_us, end_us, tuple(counts))
-
-
-def _us(t_s: float | None) -> int | None:
-    return None if t_s is None else round(1e6 * t_s)
 
 
 def _s(t_us: int) -> str:

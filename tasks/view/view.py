@@ -11,13 +11,14 @@ from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, ReadOptions
+from tasks.view.clip import Show
 from tasks.view.drawing import PALETTES, Picture
 from tasks.view.files import WRITERS, possible_fps
 from tasks.view.layout import Layout
 from tasks.view.look import Look
 from tasks.view.player import write_player
 from tasks.view.recording import write_recording
-from tasks.view.subject import Show, Subject, open_subject
+from tasks.view.subject import Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
@@ -117,7 +118,8 @@ def view(
         return
     pictures = _pictures(subject, look, times_us, kind, on_progress)
     with new_file(out, overwrite=overwrite) as file:
-        WRITERS[kind](file, _small_enough(pictures, kind), _fps(look, kind))
+        fps = possible_fps(kind, look.fps or _USUAL_FPS)
+        WRITERS[kind](file, _small_enough(pictures, kind), fps)
 
 
 def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
@@ -142,7 +144,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
             raise TaskError(f"--at: found {look.at} s, but the sources cover {span}")
         return [t_us]
-    step_us = 1e6 / (_fps(look, kind) * _slow(subject, look, kind))
+    step_us = 1e6 / (possible_fps(kind, look.fps or _USUAL_FPS) * _slow(subject, look, kind))
     lead_us = 0.0
     if subject.event_sources:  # the first picture shows a whole window
         lead_us = step_us if look.length_us is None else look.length_us
@@ -155,10 +157,6 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             "reduce --slow or --fps, or write a .mp4"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
-
-
-def _fps(look: Look, kind: str) -> float:
-    return possible_fps(kind, _USUAL_FPS if look.fps is None else look.fps)
 
 
 def _slow(subject: Subject, look: Look, kind: str) -> float:

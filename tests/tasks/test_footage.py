@@ -24,8 +24,7 @@ from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage, video
 from tasks.footage.images import list_images, read_images
-from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px, optical_flow
+from tasks.footage.interpolation import displacements_px, interpolated, optical_flow, steps_for
 
 BT709 = np.array([0.2126, 0.7152, 0.0722])
 

@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 from sensor import compiling
+from tasks.cli import terminal
 from tasks.cli.events import _without_compiling
-from tasks.cli.progress_bar import progress_bar
 
 
 @pytest.fixture
@@ -19,7 +19,8 @@ def lines(monkeypatch):
         file = io.StringIO()
         now_s = [0.0]
         monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-        with progress_bar(Console(file=file, width=20)) as on_progress:
+        monkeypatch.setattr(terminal, "err", Console(file=file, width=20))
+        with terminal.progress() as on_progress:
             for now_s[0], stage, done, total in reports:
                 on_progress(stage, done, total)
         return file.getvalue().splitlines()

@@ -25,6 +25,7 @@ from sensor import SensorModel, to_linear
 from sensor.formats import Header, load_events, read_header, write_events
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED
+from tasks.recording.recording import Recording, open_recording
 from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.drawing import (
     PALETTES,
@@ -35,14 +36,12 @@ from tasks.view.drawing import (
     resized,
     tone_mapped,
 )
-from tasks.view.event_file import EventSource
 from tasks.view.files import possible_fps, write_mp4
 from tasks.view.layout import Layout, Panel
 from tasks.view.look import Look
-from tasks.view.player_frames import pack_frames
-from tasks.view.subject import _rendered, open_subject
+from tasks.view.player import pack_frames
+from tasks.view.subject import EventSource, _rendered, last_events, open_subject
 from tasks.view.view import _small_enough
-from tasks.view.windows import Span, span_of, windows
 
 COLORS = PALETTES["blue-red"]
 WAYPOINTS = """[path]
@@ -166,11 +165,9 @@ def test_captions_change_and_the_page_keeps_its_size():
 # Windows
 
 
-def test_windows_include_their_start_and_not_their_end():
+def test_a_number_of_events_ends_before_its_time():
     events = make_events([10, 20, 20, 30], *np.zeros((3, 4)))
-    found = [part.t_us.tolist() for part in windows([events], [20, 30, 31], length_us=10)]
-    assert found == [[10], [20, 20], [30]]
-    found = [part.t_us.tolist() for part in windows([events], [5, 20, 31], count=3)]
+    found = [part.t_us.tolist() for part in last_events([events], [5, 20, 31], 3)]
     assert found == [[], [10], [20, 20, 30]]
 
 
@@ -178,24 +175,26 @@ def test_windows_include_their_start_and_not_their_end():
     times=st.lists(st.integers(0, 60), max_size=40).map(sorted),
     cuts=st.lists(st.integers(0, 40), max_size=5).map(sorted),
     ends=st.lists(st.integers(0, 80), max_size=12).map(sorted),
-    length=st.integers(1, 30),
+    count=st.integers(1, 30),
 )
-def test_windows_do_not_depend_on_the_parts_of_a_file(times, cuts, ends, length):
-    """Promise: any division of the stream gives the events of each window."""
+def test_windows_do_not_depend_on_the_parts_of_a_file(times, cuts, ends, count):
+    """Promise: any division of the stream gives the last events before each time."""
     events = make_events(times, *np.zeros((3, len(times))))
     bounds = [0, *(min(cut, len(times)) for cut in cuts), len(times)]
     parts = [events[a:b] for a, b in pairwise(bounds)]
-    by_time = [part.t_us.tolist() for part in windows(parts, ends, length_us=length)]
-    assert by_time == [[t for t in times if end - length <= t < end] for end in ends]
-    by_count = [part.t_us.tolist() for part in windows(parts, ends, count=length)]
-    assert by_count == [[t for t in times if t < end][-length:] for end in ends]
+    found = [part.t_us.tolist() for part in last_events(parts, ends, count)]
+    assert found == [[t for t in times if t < end][-count:] for end in ends]
 
 
-def test_the_span_counts_events_from_start_to_before_end():
-    parts = [make_events(t, *np.zeros((3, len(t)))) for t in ([], [3, 5], [5, 9, 12])]
-    assert span_of(parts) == Span(3, 13, 5)
-    assert span_of(parts, 5, 12) == Span(5, 10, 3)
-    assert span_of(parts, 13) is None
+def test_the_span_counts_events_from_start_to_before_end(tmp_path):
+    file = tmp_path / "few.npz"
+    write_events(file, make_events([3, 5, 5, 9, 12], *np.zeros((3, 5))))
+    for span_us, expected in (((-99, 99), (3, 13, 5)), ((5, 12), (5, 10, 3))):
+        part = open_recording(file, span_us=span_us)
+        assert (part.start_us, part.end_us, part.count) == expected
+        assert sum(map(len, part.parts())) == part.count
+    with pytest.raises(TaskError, match="has no events"):
+        open_recording(file, span_us=(13, 99))
 
 
 # Files
@@ -614,7 +613,8 @@ def test_a_damaged_file_leaves_no_video(eres, tmp_path, monkeypatch):
     """Promise: errors while drawing name the file of events, and leave no output."""
     file, out = tmp_path / "events.txt", tmp_path / "out.mp4"
     write_events(file, random_events(3000, 16, 12, mean_us=50.0))
-    monkeypatch.setattr("tasks.view.subject.span_of", lambda *_: Span(0, 150_000, 3000))
+    found = Recording(file, read_header(file), 0, 150_000, 3000)
+    monkeypatch.setattr("tasks.view.subject.open_recording", lambda *_, **__: found)
     file.write_text(file.read_text() + "not an event\n")
     code, _, err = eres("view", file, "--out", out, "--height", 48)
     assert (code, "events.txt" in err) == (1, True)
@@ -760,21 +760,21 @@ def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
     """Promise: of too many frames every k-th is kept, frames of wide sensors are scaled down, and
     together they have no more pixels than a browser holds; each has the time of its start."""
     frames = ClipFrames(open_sequence(clip))
-    source = EventSource(recording, Header(64, 48), COLORS, frames=frames)
+    source = EventSource(Recording(recording, Header(64, 48), 0, 1, 1), Look(), frames)
     every = frames.times_us(0, 200_000)
     assert len(every) >= 4
     for t_us in every:
         np.testing.assert_array_equal(frames.at(t_us), frames.at(t_us + 1))
     (all_of_them,) = pack_frames([source], (0, 200_000))
-    assert all_of_them.t_us == every
+    assert all_of_them["t_us"] == every
     assert frames.times_us(every[1], every[2]) == every[1:2]
     assert frames.times_us(every[1] - 1, every[2] + 1) == every[:3]
-    monkeypatch.setattr("tasks.view.player_frames._MAX_PX", 32)
-    monkeypatch.setattr("tasks.view.player_frames.MAX_PIXELS", 2 * 32 * 24 * 3)
+    monkeypatch.setattr("tasks.view.player._MAX_PX", 32)
+    monkeypatch.setattr("tasks.view.player.MAX_PIXELS", 2 * 32 * 24 * 3)
     for packed in pack_frames([source, source], (0, 200_000)):
-        assert packed.t_us == every[::2]
-        assert len(packed.images) == len(packed.t_us)
-        picture = Image.open(io.BytesIO(base64.b64decode(packed.images[0])))
+        assert packed["t_us"] == every[::2]
+        assert len(packed["images"]) == len(packed["t_us"])
+        picture = Image.open(io.BytesIO(base64.b64decode(packed["images"][0])))
         assert (picture.format, picture.size) == ("WEBP", (32, 24))
 
 
