@@ -295,7 +295,8 @@ def _sensor(
     lags_px = tuple(lag_px(speed_px_s, cutoff_hz, poles) for cutoff_hz in cutoffs_hz)
     events = [one for lag in {*lags_px} for one in _events_per_px(width, lag)]
     rates = [width * height * speed_px_s * one for one in events]
-    near = _near(lags_px[0]) if poles == 2 else []
+    cases = stored_cases() if poles == 2 else ()
+    near = [one for one in cases if 1 / _NEAR < one.lag_px / lags_px[0] < _NEAR]
     return Sensor(
         name=name,
         width=width,
@@ -311,10 +312,6 @@ def _sensor(
         contrast_threshold=camera.contrast_threshold,
         poles=poles,
     )
-
-
-def _near(lag: float) -> list[Case]:
-    return [one for one in stored_cases() if 1 / _NEAR < one.lag_px / lag < _NEAR]
 
 
 def _events_per_px(width: int, lag: float) -> Iterator[float]:
@@ -410,9 +407,7 @@ def _nearest(coarser: Sensor, finer: Sensor) -> Case:
     """Return the stored medians whose lag and widths are most like those of two sensors."""
 
     def far(case: Case) -> float:
-        widths = (case.width, finer.width), (case.coarser, coarser.width)
-        return abs(math.log(case.lag_px / finer.lags_px[0])) + sum(
-            abs(math.log(a / b)) for a, b in widths
-        )
+        lags, widths = case.lag_px / finer.lags_px[0], case.width / finer.width
+        return sum(abs(math.log(x)) for x in (lags, widths, case.coarser / coarser.width))
 
     return min(stored_cells(), key=far)
