@@ -21,12 +21,6 @@ _MAX_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
 _T = TypeVar("_T")
 
 
-def dark_level_of(model: SensorModel) -> float:
-    """Return the dark level of a sensor of a `Setting`, in the frames' unit of radiance."""
-    assert model.dark_level is not None, "settings have a dark level"
-    return model.dark_level
-
-
 class ReferenceFrames:
     """Frames, ground truth and log images of one sequence, to compare answers with.
 
@@ -53,30 +47,21 @@ class ReferenceFrames:
         k = int(np.searchsorted(self.sequence.t_s, self.sequence.window_s[end]))
         return self._once(("frame", k), lambda: self.sequence.frame(k))
 
-    def _log_frame(self, end: int, dark_level: float) -> NDArray[np.float64]:
-        return self._once(("log", end, dark_level), lambda: _log(self._frame(end), dark_level))
-
-    def log_start(self, model: SensorModel) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's start, with the dark level of a sensor."""
-        return self._log_frame(0, dark_level_of(model))
-
-    def log_end(self, model: SensorModel) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's end, with the dark level of a sensor."""
-        return self._log_frame(1, dark_level_of(model))
+    def log_frame(self, end: int, model: SensorModel) -> NDArray[np.float64]:
+        """(H, W) log intensity at the window's start, 0, or end, 1, with a sensor's dark level."""
+        key = "log", end, model.dark_level
+        return self._once(key, lambda: _log(self._frame(end), model))
 
     def log_white(self, model: SensorModel) -> float:
         """Log intensity of white at the window's end, with the dark level of a sensor."""
-        key = "log_white", dark_level_of(model)
-        return self._once(key, lambda: log_white_level(self.log_end(model)))
+        key = "log_white", model.dark_level
+        return self._once(key, lambda: log_white_level(self.log_frame(1, model)))
 
     def log_image(self, model: SensorModel) -> NDArray[np.float64]:
         """(h, w) log intensity at the window's start, as the pixels of a sensor see it."""
         pixels = model.height, model.width, model.fill_factor
-        dark_level = dark_level_of(model)
-        return self._once(
-            ("log_image", *pixels, dark_level),
-            lambda: _log(integrate(self._frame(0), *pixels), dark_level),
-        )
+        key = "log_image", *pixels, model.dark_level
+        return self._once(key, lambda: _log(integrate(self._frame(0), *pixels), model))
 
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera of a sensor that sees all of the frames.
@@ -113,11 +98,10 @@ class ReferenceFrames:
         -------
         (H, W) in [0, 1], at the frames' resolution.
         """
-        dark_level = dark_level_of(model)
-        key = dark_level, t_s, equalization
+        key = model.dark_level or 0.0, t_s, equalization
         with self._picturing:  # sensors are scored by several threads
             if key not in self._pictures:
-                log_image = log_light(self.sequence, t_s, dark_level)
+                log_image = log_light(self.sequence, t_s, key[0])
                 if len(self._pictures) >= _MAX_PICTURES:  # they ask for one time after another
                     del self._pictures[next(iter(self._pictures))]
                 self._pictures[key] = picture(log_image, log_image.shape, equalization)
@@ -132,5 +116,5 @@ class ReferenceFrames:
             return value
 
 
-def _log(radiance: NDArray[np.floating], dark_level: float) -> NDArray[np.float64]:
-    return np.log(radiance.astype(np.float64) + dark_level)
+def _log(radiance: NDArray[np.floating], model: SensorModel) -> NDArray[np.float64]:
+    return np.log(radiance.astype(np.float64) + (model.dark_level or 0.0))

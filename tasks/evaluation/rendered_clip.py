@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eres_render import Camera, Plane, Trajectory
 from eres_render.scene.scene import name_and_seed
 from tasks.errors import TaskError
-from tasks.evaluation.reference import ReferenceFrames, dark_level_of
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import DenseFlow, Flow, Tracking, Video, unlike_two_poles
@@ -34,8 +34,8 @@ class RenderedClip(Source):
         self.contrast_threshold = self.model.contrast_threshold
         self.off_weight = self.model.off_threshold / self.model.contrast_threshold
         self.log_image = lambda: reference.log_image(setting.model)
-        self.log_start = lambda: reference.log_start(setting.model)
-        self.log_end = lambda: reference.log_end(setting.model)
+        self.log_start = lambda: reference.log_frame(0, setting.model)
+        self.log_end = lambda: reference.log_frame(1, setting.model)
         self.log_white = lambda: reference.log_white(setting.model)
 
     def before_us(self) -> int:
@@ -84,7 +84,7 @@ class RenderedClip(Source):
                 f"video, method {method!r}: found {other}, but the method needs photoreceptor "
                 "'two_pole' with one cutoff"
             )
-        light = dark_level_of(model), model.cutoff_hz, self.speed, model.fill_factor
+        light = model.dark_level or 0.0, model.cutoff_hz, self.speed, model.fill_factor
         return TrueLight(sequence, *light)
 
     def path(self, task: Tracking) -> Trajectory:
