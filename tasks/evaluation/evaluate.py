@@ -19,9 +19,8 @@ from eres_render.progress import Progress
 from eres_render.sequence.sequence import read_ahead
 from sensor import Events, SensorModel, stream_bank
 from sensor.readout import Sender
-from tasks.evaluation.central_part import central_part
 from tasks.evaluation.emulated import EmulatedPixels, seen
-from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.reference import ReferenceFrames, central_part
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.sensor_setting import Setting

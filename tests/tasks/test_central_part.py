@@ -8,8 +8,8 @@ import pytest
 from eres_render import Clip, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import silent
 from sensor import SensorModel
-from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
+from tasks.evaluation.reference import central_part
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Flow, Reconstruction, Tracking
 
