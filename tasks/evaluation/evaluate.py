@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import chain
 
@@ -80,7 +80,15 @@ def evaluate(
         for part, of_part, names in parts.values():
             shown = ReferenceFrames(part, of_part)
             reference = reference or shown  # the others' would fill the memory
-            sensors = [_Sensor(shown, one, own, tasks, watch) for one, own in names.items()]
+            sensors = []
+            for setting, own in names.items():
+                source = RenderedClip(shown, replace(setting, name=own[0]))
+                scorers = {
+                    name: load(TASKS[name].scorer)(source, task)
+                    for name, task in tasks.items()
+                    if task.methods
+                }
+                sensors.append(_Sensor(source, own, scorers, watch))
             before_s = rendered.seconds
             with stopwatch("sensing"):
                 _collect(part, sensors, workers, stopwatch, on_progress)
@@ -123,38 +131,29 @@ def evaluate(
     return Evaluation(rows, timings, reference)
 
 
+@dataclass(eq=False)
 class _Sensor:
     """One sensor, under one name or several, with its bus, its scorers and its number of events."""
 
-    def __init__(
-        self,
-        reference: ReferenceFrames,
-        setting: Setting,
-        names: Sequence[str],
-        tasks: Mapping[str, TaskSettings],
-        watch: Watch | None,
-    ) -> None:
-        self.setting = replace(setting, name=names[0])
-        self._names = names
-        self.source = RenderedClip(reference, self.setting)
-        self.fired = 0
-        self.scored: list[tuple[str, Score]] = []  # with their tasks
-        self._in_window = 0
-        self._dropped = 0  # of the events in the window
-        self._sender = None if setting.readout is None else Sender(setting.readout)
-        self._watch = watch
-        self._scorers: dict[str, Scorer] = {
-            name: load(TASKS[name].scorer)(self.source, task)
-            for name, task in tasks.items()
-            if task.methods
-        }
+    source: RenderedClip
+    names: list[str]
+    scorers: dict[str, Scorer]  # of each task
+    watch: Watch | None
+    fired: int = 0
+    in_window: int = 0
+    dropped: int = 0  # of the events in the window
+    scored: list[tuple[str, Score]] = field(default_factory=list)  # with their tasks
+
+    def __post_init__(self) -> None:
+        self.setting = self.source.setting
+        self._sender = None if self.setting.readout is None else Sender(self.setting.readout)
 
     def push(self, events: Events) -> None:
         """Add the next events that the pixels fire, those of the warm-up included."""
         start_us, end_us = self.setting.start_us, self.setting.end_us
         self.fired += len(events)
         first, last = np.searchsorted(events.t_us, [start_us, end_us])
-        self._in_window += int(last - first)
+        self.in_window += int(last - first)
         if self._sender is None:
             self._receive(events)
             return
@@ -162,30 +161,30 @@ class _Sensor:
         self._receive(self._sender.push(events[:first]))
         before = self._sender.report.dropped
         self._receive(self._sender.push(events[first:last]))
-        self._dropped += self._sender.report.dropped - before
+        self.dropped += self._sender.report.dropped - before
         self._receive(self._sender.push(events[last:]))
 
     def _receive(self, events: Events) -> None:
         """Pass on events that have left the sensor."""
-        for scorer in self._scorers.values():
+        for scorer in self.scorers.values():
             scorer.push(events)
-        if self._watch:
-            for name in self._names:
-                self._watch(replace(self.setting, name=name), events)
+        if self.watch:
+            for name in self.names:
+                self.watch(replace(self.setting, name=name), events)
 
     def score(self) -> None:
         """Score all tasks, after the last event."""
         if self._sender is not None and (last := self._sender.finish()) is not None:
             self._receive(last)
-        for task, scorer in self._scorers.items():
+        for task, scorer in self.scorers.items():
             self.scored += [(task, score) for score in scorer.scores()]
 
     def rows(self) -> list[Row]:
         """Return each score as a row of each name."""
-        rate_hz = self._in_window / self.source.window.seconds
-        dropped = self._dropped / self._in_window if self._dropped else 0.0
+        rate_hz = self.in_window / self.source.window.seconds
+        dropped = self.dropped / self.in_window if self.dropped else 0.0
         rows = [row_of(task, self.source, score, rate_hz, dropped) for task, score in self.scored]
-        return [replace(row, sensor=name) for row in rows for name in self._names]
+        return [replace(row, sensor=name) for row in rows for name in self.names]
 
 
 def _collect(
