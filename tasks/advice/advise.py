@@ -253,7 +253,8 @@ def ladder(view: View, chip: EventCamera, widths: Iterable[int]) -> list[Sensor]
         check_positive("widths", width, TaskError)
         faster = [cutoff_hz * (full / width) ** (2 * g) for g, cutoff_hz in ends]
         size = width, max(1, round(width * height / full))
-        sensors.append(_sensor(view, "x".join(map(str, size)), size, faster, chip))
+        coarser = replace(chip.on(*size), name="x".join(map(str, size)))
+        sensors.append(_sensor(view, coarser, faster))
     return sensors
 
 
@@ -283,13 +284,11 @@ def line_up(view: View, cameras: Iterable[EventCamera]) -> list[Sensor]:
             raise TaskError(
                 f"{one.name} and {other.name} both have {one.width} px; compare different widths"
             )
-    return [_sensor(view, one.name, one.size, view.cutoffs_hz(one), one) for one in ordered]
+    return [_sensor(view, one, view.cutoffs_hz(one)) for one in ordered]
 
 
-def _sensor(
-    view: View, name: str, size: tuple[int, int], cutoffs_hz: Sequence[float], camera: EventCamera
-) -> Sensor:
-    width, height = size
+def _sensor(view: View, camera: EventCamera, cutoffs_hz: Sequence[float]) -> Sensor:
+    width, height = camera.size
     speed_px_s = view.speed_px_s(width)
     poles = 2 if camera.photoreceptor == "two_pole" else 1
     lags_px = tuple(lag_px(speed_px_s, cutoff_hz, poles) for cutoff_hz in cutoffs_hz)
@@ -298,7 +297,7 @@ def _sensor(
     cases = stored_cases() if poles == 2 else ()
     near = [one for one in cases if 1 / _NEAR < one.lag_px / lags_px[0] < _NEAR]
     return Sensor(
-        name=name,
+        name=camera.name,
         width=width,
         height=height,
         speed_px_s=speed_px_s,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render import RadianceSequence
 from sensor import Events
 from sensor.emulators import V2eFrame, V2ePixels
 from sensor.optics import integrate
@@ -14,18 +15,9 @@ from tasks.evaluation.sensor_setting import Setting
 class EmulatedPixels:
     """Pixels of one setting, which see every so many frames: the first and the last of the window,
     and those at their steps from them.
-
-    Parameters
-    ----------
-    t_s
-        (T,) times of the frames, s of the path.
-    window_s
-        Start and end of the scored window, at which there are frames.
     """
 
-    def __init__(
-        self, setting: Setting, t_s: NDArray[np.float64], window_s: tuple[float, float]
-    ) -> None:
+    def __init__(self, setting: Setting, sequence: RadianceSequence) -> None:
         assert setting.emulation is not None, "an exact sensor has no program"
         model, emulation = setting.model, setting.emulation
         self.optics = model.height, model.width, model.fill_factor, emulation.white
@@ -39,8 +31,9 @@ class EmulatedPixels:
             shot_noise_hz=model.shot_noise_hz,
             refractory_s=model.refractory_s,
         )
+        t_s = sequence.t_s
         first = max(int(np.searchsorted(t_s, setting.t_start_s, side="right")) - 1, 0)
-        start, end = np.searchsorted(t_s, window_s)
+        start, end = np.searchsorted(t_s, sequence.window_s)
         numbers = np.arange(len(t_s))
         steps = (numbers - np.where(numbers < end, start, end)) % emulation.every
         self.sees = (numbers >= first) & (steps == 0)

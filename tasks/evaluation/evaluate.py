@@ -201,9 +201,7 @@ def _collect(
         pixels.setdefault(replace(sensor.setting, name="", readout=None), []).append(sensor)
     exact = [setting for setting in pixels if setting.emulation is None]
     programs = {
-        EmulatedPixels(setting, sequence.t_s, sequence.window_s): on
-        for setting, on in pixels.items()
-        if setting.emulation is not None
+        EmulatedPixels(one, sequence): on for one, on in pixels.items() if one.emulation is not None
     }
 
     def emulate(k: int, frame: NDArray[np.float32]) -> None:
