@@ -16,9 +16,8 @@ from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
 from tasks.flow import Features, initial_sigma_px, patch_px, rnepe_px
 from tasks.methods.true_video import TrueLight
-from tasks.registry import TASKS, load
+from tasks.registry import NATIVE_PATCH, TASKS, load
 from tasks.row import Row
-from tasks.variants import NATIVE_PATCH
 
 Float64 = NDArray[np.float64]
 
