@@ -98,11 +98,11 @@ def evaluate(
                 order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
                 for k, _ in enumerate(workers.map(_Sensor.score, order), start=1):
                     on_progress("scoring", k, len(sensors))
-            for sensor in sensors:
-                rows += sensor.rows()
-                methods += method_timings(sensor.setting, sensor.scored)
-                models.append(sensor.setting.model)
-                fired += sensor.fired
+            rows += [row for sensor in sensors for row in sensor.rows()]
+            scored = ((sensor.setting, *each) for sensor in sensors for each in sensor.scored)
+            methods += method_timings(scored)
+            models += [sensor.setting.model for sensor in sensors]
+            fired += sum(sensor.fired for sensor in sensors)
     assert reference is not None, "there is at least one sensor"
     seconds, manifest = stopwatch.seconds, sequence.manifest
     stages = split_shared_time(
@@ -261,21 +261,19 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def method_timings(
-    setting: Setting, scored: Iterable[tuple[str, Score]]
-) -> Iterator[MethodTimings]:
-    """Yield the timings of each method on a sensor, from its scores and their tasks."""
-    groups: dict[tuple[str, str, str], list[Score]] = {}
-    for task, score in scored:
+def method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> Iterator[MethodTimings]:
+    """Yield the timings of each method on each sensor, from scores with their sensors and tasks."""
+    groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
+    for setting, task, score in scored:
         if not score.copied:
-            groups.setdefault((task, score.method, score.variant), []).append(score)
+            key = task, score.method, score.variant, setting.model.width, setting.name
+            groups.setdefault(key, []).append(score)
     for key, scores in groups.items():
         yield MethodTimings(
-            *key,
-            width=setting.model.width,
+            *key[:4],
             estimates=len(scores),
             events=sum(score.events for score in scores),
             cpu_s=sum(score.cpu_s for score in scores),
             median_cpu_s=float(np.median([score.cpu_s for score in scores])),
-            sensor=setting.name,
+            sensor=key[4],
         )

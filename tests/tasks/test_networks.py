@@ -395,7 +395,7 @@ def test_one_flow_of_a_sensor_is_one_estimate():
     scorer = DenseFlowScorer(source, task)
     scorer._before, scorer._during = [stream(0)], [stream(1)]
     setting = SimpleNamespace(model=SimpleNamespace(width=W), name="")
-    timings = method_timings(setting, (("dense_flow", score) for score in scorer.scores()))
+    timings = method_timings((setting, "dense_flow", score) for score in scorer.scores())
     events = len(stream(0)) + len(stream(1))
     assert [(one.estimates, one.events) for one in timings] == [(1, events)] * 2
 
