@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from sensor import Events
 
@@ -67,6 +66,12 @@ def flow_at(flow: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArr
     array([[1.  , 0.  ],
            [1.75, 0.  ]])
     """
-    at = points_px.T[::-1] - 0.5
-    read = (map_coordinates(one, at, np.float64, order=1, mode="nearest") for one in flow)
-    return np.stack([*read], axis=1)
+    height, width = flow.shape[1:]
+    x, y = np.clip(points_px.T - 0.5, 0, [[width - 1], [height - 1]])
+    column = np.minimum(x.astype(np.int64), max(width - 2, 0))
+    row = np.minimum(y.astype(np.int64), max(height - 2, 0))
+    right, down = x - column, y - row
+    below, beside = np.minimum(row + 1, height - 1), np.minimum(column + 1, width - 1)
+    top = (1 - right) * flow[:, row, column] + right * flow[:, row, beside]
+    bottom = (1 - right) * flow[:, below, column] + right * flow[:, below, beside]
+    return ((1 - down) * top + down * bottom).T
