@@ -55,6 +55,8 @@ def evaluate(
 ) -> Evaluation:
     """Simulate sensors on a sequence, and score every method of the tasks on their events.
 
+    A sensor of another shape than the frames sees the largest central part of its shape.
+
     Parameters
     ----------
     truth
