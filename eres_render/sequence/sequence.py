@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -161,7 +161,7 @@ def read_ahead(
     numbers: range,
     threads: int | None = None,
     most: int | None = None,
-) -> Iterator[T]:
+) -> Generator[T, None, None]:
     """Yield what a function returns for each number, while other threads call it for the next ones.
 
     Close it where an error may leave it unfinished.
