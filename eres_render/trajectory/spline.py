@@ -104,8 +104,8 @@ class Trajectory:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies have: not what follows from the poses, which may be changed there."""
-        kept = ("_extended_s", "_steps")
-        return {name: value for name, value in vars(self).items() if name not in kept}
+        computed = "_extended_s", "_steps"
+        return {name: value for name, value in vars(self).items() if name not in computed}
 
     @cached_property
     def _extended_s(self) -> Float64:
