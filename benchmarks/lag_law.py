@@ -50,6 +50,11 @@ def share(values: Iterable[bool]) -> str:
     return f"{100 * sum(values) / len(values):.1f} %" if values else "-"
 
 
+def share_right(cases: Iterable[Case], crossing_px: float = CROSSING_PX) -> str:
+    """Return in what share of cases the law is right, in percent."""
+    return share(finer_wins(case.lag_px, crossing_px) == case.finer_won for case in cases)
+
+
 def grouped(cases: Iterable[Case], key: Callable[[Case], str]) -> dict[str, list[Case]]:
     """Return cases by the text of one of their properties."""
     groups: defaultdict[str, list[Case]] = defaultdict(list)
@@ -60,16 +65,13 @@ def grouped(cases: Iterable[Case], key: Callable[[Case], str]) -> dict[str, list
 
 def print_shares(groups: dict[str, list[Case]]) -> None:
     """Print how often the law is right in each group, and with other crossings."""
-    near = f"outside {NEAR_PX[0]} to {NEAR_PX[1]} px"
+    low, high = NEAR_PX
+    near = f"outside {low} to {high} px"
     lines = []
     for name, cases in groups.items():
-        far = [case for case in cases if not case.is_near]
-        others = [
-            share(finer_wins(case.lag_px, at) == case.finer_won for case in cases)
-            for at in CROSSINGS_PX
-        ]
-        first = name, len(cases), share(case.is_right for case in cases), len(far)
-        cells = *first, share(case.is_right for case in far), *others
+        far = [case for case in cases if not low <= case.lag_px <= high]
+        others = [share_right(cases, at) for at in CROSSINGS_PX]
+        cells = name, len(cases), share_right(cases), len(far), share_right(far), *others
         lines.append([str(cell).removesuffix(" %") for cell in cells])
     crossings = (f"at {one} px" for one in CROSSINGS_PX)
     table(("", "cases", "right, %", near, "right there, %", *crossings), lines)

@@ -20,7 +20,7 @@ from scipy.stats import spearmanr
 from eres_render.errors import RenderError, reading
 from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
-from tasks.registry import TASKS
+from tasks.registry import TASKS, sigma_mm
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
@@ -40,7 +40,6 @@ from tasks.study.results.words import (
     photoreceptor_label,
     speed_label,
 )
-from tasks.variants import sigma_mm
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from tasks.errors import TaskError
@@ -23,7 +23,11 @@ def connected(address: str) -> Iterator[Client]:
 
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise TaskError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
-    with _quiet("distributed", "distributed.client"):  # our error is a single line
+    with ExitStack() as quiet:  # our error is a single line
+        for name in ("distributed", "distributed.client"):
+            logger = logging.getLogger(name)
+            quiet.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.CRITICAL)
         try:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -31,18 +35,6 @@ def connected(address: str) -> Iterator[Client]:
             raise TaskError(f"--scheduler: no Dask scheduler at {address}: {reason}") from None
         with client:
             yield client
-
-
-@contextmanager
-def _quiet(*names: str) -> Iterator[None]:
-    levels = {name: logging.getLogger(name).level for name in names}
-    try:
-        for name in names:
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
 
 
 def outcome(future: Future, what: str) -> Any:

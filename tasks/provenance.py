@@ -21,9 +21,8 @@ MITSUBA, VARIANT = "mitsuba", "Mitsuba variant"
 
 _BETWEEN = "; "  # separates the values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
-_PACKAGES = ("numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
-
-_PACKAGES_OF_NETWORKS = ("torch",)
+_TORCH = "torch"  # affects only the numbers of networks
+_PACKAGES = ("numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless", _TORCH)
 
 
 def command() -> str:
@@ -55,11 +54,11 @@ def code() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of eres and of the packages that affect numbers, by name."""
-    used = [*_PACKAGES, *(name for name in _PACKAGES_OF_NETWORKS if name in sys.modules)]
     found = {"eres": version(DISTRIBUTION)}
-    for name in used:
+    for name in _PACKAGES:
         with suppress(PackageNotFoundError):  # of an extra
-            found[name] = version(name)
+            if name != _TORCH or _TORCH in sys.modules:
+                found[name] = version(name)
     return found
 
 
@@ -99,7 +98,7 @@ def _processor() -> str:
 
 def differing_software(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Return the values of the software that differs between environments, by name."""
-    software = "code", VARIANT, *_PACKAGES, *_PACKAGES_OF_NETWORKS
+    software = "code", VARIANT, *_PACKAGES
     values = {name: dict.fromkeys(e.get(name, "?") for e in environments) for name in software}
     return {name: ", ".join(several) for name, several in values.items() if len(several) > 1}
 

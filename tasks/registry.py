@@ -6,6 +6,7 @@ task's `methods`. Places are strings, so that listing tasks and methods imports 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
@@ -18,6 +19,9 @@ from tasks.errors import TaskError
 from tasks.metric import Metric
 
 Need = Literal["threshold", "light", "guess"]
+
+NATIVE_PATCH = "61 px patch"
+"""Variant of flow, as rows have it: patches of 61 px of the sensor, whatever its width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,3 +356,19 @@ def load(place: str) -> Any:
     """Import the object at a place, "module:name"."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
+
+
+def equalization_variant(name: str) -> str:
+    """Return the variant of video whose images are compared with another equalization."""
+    return f"equalization {name}"
+
+
+def sigma_variant(sigma_mm: float) -> str:
+    """Return the variant of tracking whose start is off by a standard deviation, mm."""
+    return f"sigma {sigma_mm:g} mm"
+
+
+def sigma_mm(variant: str) -> float | None:
+    """Return the standard deviation in mm of a variant such as "sigma 2 mm"; None for others."""
+    match = re.fullmatch(r"sigma ([0-9.e+-]+) mm", variant)
+    return float(match[1]) if match else None

@@ -90,12 +90,8 @@ class Row:
 
 _ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}
 _COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
-_NEW = (
-    *("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped", "t_us"),
-    "simulator",
-)
-_LATER = {field.name: field.default for field in fields(Row) if field.name in _NEW}
-"""Columns that older files lack, with their defaults."""
+_LATER = {field.name: field.default for field in fields(Row)[list(_COLUMNS).index("failure") + 1 :]}
+"""Columns that older files lack, with their defaults: those after the failure."""
 
 
 def write_rows(path: str | Path, rows: Iterable[Row]) -> None:

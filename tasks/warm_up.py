@@ -44,20 +44,22 @@ def needed_s(
     return base_s if filter_s <= base_s + _TIME_RESOLUTION_S else filter_s
 
 
-def warn_if_short(
+def warn_of_frames(
     sequence: RadianceSequence,
     cutoff_hz: float,
     speed: float,
     windows_before: int = 0,
     time_constants: float = TIME_CONSTANTS,
 ) -> None:
-    """Warn if a sensor's events still depend on the sequence's start when the window begins.
+    """Warn if frames are far apart, or a sensor's events at the window depend on their start.
 
     Parameters
     ----------
     windows_before
         Number of windows of the same length before the window whose events are used too.
     """
+    from eres_render.trajectory.frame_times import warn_if_far_apart  # SciPy slows down `--help`
+
     start_s = float(sequence.t_s[0])
     window_s = sequence.window_s[1] - sequence.window_s[0]
     seconds = max(0.0, sequence.window_s[0] - windows_before * window_s - start_s)
@@ -72,10 +74,4 @@ def warn_if_short(
             1e3 * needs_s,
             of_filter if needs_s > WARM_UP_S else "",
         )
-
-
-def warn_if_coarse(sequence: RadianceSequence) -> None:
-    """Warn if the image moves so far from frame to frame that events are missed."""
-    from eres_render.trajectory.frame_times import warn_if_far_apart  # SciPy slows down `--help`
-
     warn_if_far_apart(str(sequence.folder), sequence.manifest.max_displacement_px)

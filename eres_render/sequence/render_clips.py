@@ -67,7 +67,7 @@ class _ClipInProgress(RadianceSequence):
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         self.wait()
-        for i, stored in enumerate(read_ahead(self.writer.read, len(self))):
+        for i, stored in enumerate(read_ahead(self.writer.read, range(len(self)))):
             with self.one_at_a_time:
                 frame = self._whole(i, stored)
             yield frame

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -47,10 +48,6 @@ class Rendered:
 
     frames: int = 0
     seconds: float = 0.0
-
-    def since(self, before: Rendered) -> Rendered:
-        """Return what was rendered after an earlier count."""
-        return Rendered(self.frames - before.frames, self.seconds - before.seconds)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -92,7 +89,7 @@ class RadianceSequence:
         )
 
     def __iter__(self) -> Iterator[Float32]:
-        return read_ahead(self.frame, len(self))
+        return read_ahead(self.frame, range(len(self)))
 
     @property
     def t_s(self) -> Float64:
@@ -159,16 +156,33 @@ class RadianceSequence:
             raise IndexError(f"{self.folder}: frame: found {i}, expected 0 to {len(self) - 1}")
 
 
-def read_ahead(read: Callable[[int], T], count: int) -> Iterator[T]:
-    """Yield what a function returns for 0, 1, ..., while all cores call it for the next ones."""
-    at_once = cores()
-    with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
-        ahead = deque(readers.submit(read, i) for i in range(min(at_once, count)))
-        for i in range(count):
-            value = ahead.popleft().result()
-            if i + at_once < count:
-                ahead.append(readers.submit(read, i + at_once))
-            yield value
+def read_ahead(
+    read: Callable[[int], T],
+    numbers: range,
+    threads: int | None = None,
+    most: int | None = None,
+) -> Generator[T, None, None]:
+    """Yield what a function returns for each number, while other threads call it for the next ones.
+
+    Close it where an error may leave it unfinished.
+
+    Parameters
+    ----------
+    threads
+        By default one for each core.
+    most
+        Values that are made or held at a time, that in use included; by default one more.
+    """
+    threads = threads or cores()
+    left, ahead = iter(numbers), deque[Future[T]]()
+    with ThreadPoolExecutor(threads, "ahead") as pool:
+        try:
+            for _ in numbers:
+                room = (most or threads + 1) - len(ahead)
+                ahead += [pool.submit(read, k) for k in islice(left, room)]
+                yield ahead.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def open_sequence(path: str | Path) -> RadianceSequence:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,6 +101,11 @@ class Trajectory:
                 f"{shape[0]} increasing times, of which the second is 0"
             )
         _check_rotations("Trajectory.controls", self.controls)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies have: not what follows from the poses, which may be changed there."""
+        computed = "_extended_s", "_steps"
+        return {name: value for name, value in vars(self).items() if name not in computed}
 
     @cached_property
     def _extended_s(self) -> Float64:

@@ -253,7 +253,8 @@ def ladder(view: View, chip: EventCamera, widths: Iterable[int]) -> list[Sensor]
         check_positive("widths", width, TaskError)
         faster = [cutoff_hz * (full / width) ** (2 * g) for g, cutoff_hz in ends]
         size = width, max(1, round(width * height / full))
-        sensors.append(_sensor(view, "x".join(map(str, size)), size, faster, chip))
+        coarser = replace(chip.on(*size), name="x".join(map(str, size)))
+        sensors.append(_sensor(view, coarser, faster))
     return sensors
 
 
@@ -283,21 +284,20 @@ def line_up(view: View, cameras: Iterable[EventCamera]) -> list[Sensor]:
             raise TaskError(
                 f"{one.name} and {other.name} both have {one.width} px; compare different widths"
             )
-    return [_sensor(view, one.name, one.size, view.cutoffs_hz(one), one) for one in ordered]
+    return [_sensor(view, one, view.cutoffs_hz(one)) for one in ordered]
 
 
-def _sensor(
-    view: View, name: str, size: tuple[int, int], cutoffs_hz: Sequence[float], camera: EventCamera
-) -> Sensor:
-    width, height = size
+def _sensor(view: View, camera: EventCamera, cutoffs_hz: Sequence[float]) -> Sensor:
+    width, height = camera.size
     speed_px_s = view.speed_px_s(width)
     poles = 2 if camera.photoreceptor == "two_pole" else 1
     lags_px = tuple(lag_px(speed_px_s, cutoff_hz, poles) for cutoff_hz in cutoffs_hz)
     events = [one for lag in {*lags_px} for one in _events_per_px(width, lag)]
     rates = [width * height * speed_px_s * one for one in events]
-    near = _near(lags_px[0]) if poles == 2 else []
+    cases = stored_cases() if poles == 2 else ()
+    near = [one for one in cases if 1 / _NEAR < one.lag_px / lags_px[0] < _NEAR]
     return Sensor(
-        name=name,
+        name=camera.name,
         width=width,
         height=height,
         speed_px_s=speed_px_s,
@@ -311,10 +311,6 @@ def _sensor(
         contrast_threshold=camera.contrast_threshold,
         poles=poles,
     )
-
-
-def _near(lag: float) -> list[Case]:
-    return [one for one in stored_cases() if 1 / _NEAR < one.lag_px / lag < _NEAR]
 
 
 def _events_per_px(width: int, lag: float) -> Iterator[float]:
@@ -410,9 +406,7 @@ def _nearest(coarser: Sensor, finer: Sensor) -> Case:
     """Return the stored medians whose lag and widths are most like those of two sensors."""
 
     def far(case: Case) -> float:
-        widths = (case.width, finer.width), (case.coarser, coarser.width)
-        return abs(math.log(case.lag_px / finer.lags_px[0])) + sum(
-            abs(math.log(a / b)) for a, b in widths
-        )
+        lags, widths = case.lag_px / finer.lags_px[0], case.width / finer.width
+        return sum(abs(math.log(x)) for x in (lags, widths, case.coarser / coarser.width))
 
     return min(stored_cells(), key=far)

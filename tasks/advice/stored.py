@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tasks.advice.law import NEAR_PX, finer_wins, lag_px
+from tasks.advice.law import lag_px
 from tasks.errors import ResultError
 
 if TYPE_CHECKING:
@@ -44,16 +44,6 @@ class Case:
     def finer_won(self) -> bool:
         """Whether the finer one has the better image."""
         return self.margin_db > 0
-
-    @property
-    def is_right(self) -> bool:
-        """Whether the law says so."""
-        return finer_wins(self.lag_px) == self.finer_won
-
-    @property
-    def is_near(self) -> bool:
-        """Whether its lag is one at which the law does not decide."""
-        return NEAR_PX[0] <= self.lag_px <= NEAR_PX[1]
 
 
 class Window(NamedTuple):

@@ -9,16 +9,15 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from copy import copy
-from dataclasses import fields, is_dataclass, replace
-from functools import cached_property
+from copy import deepcopy
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Trajectory
-from sensor import Events
 from tasks.cpu_time import cpu_s
 from tasks.errors import MethodError, WeightsError
 from tasks.flow import FlowEstimate
@@ -46,7 +45,7 @@ def ask(
     The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
     """
     if TASKS[task].is_own(name):
-        arguments = tuple(map(_copied, arguments))
+        arguments = deepcopy(arguments)
     started_s = cpu_s()
     try:
         answer = function(*arguments, **options)
@@ -68,28 +67,9 @@ def ask_each(
     answers, spent_s = ask(task, name, function, *arguments)
     answer: Any = ()
     while answer is not None:
-        answer, cpu_s = ask(task, name, next, answers, None)
+        answer, cpu_s = ask(task, name, partial(next, answers, None))
         yield answer, spent_s + cpu_s
         spent_s = 0.0
-
-
-def _copied(given: Any) -> Any:
-    """Return arrays, events, or a sample with arrays, events and paths of its own.
-
-    What was computed from the fields and kept is not copied: it would not follow their changes.
-    """
-    if isinstance(given, np.ndarray | Events):
-        return given.copy()
-    if not is_dataclass(given) or isinstance(given, type):
-        return given
-    copied = copy(given)
-    for kind in type(given).__mro__:
-        for name, value in vars(kind).items():
-            if isinstance(value, cached_property):
-                vars(copied).pop(name, None)
-    for field in fields(given):
-        object.__setattr__(copied, field.name, _copied(getattr(given, field.name)))
-    return copied
 
 
 def _place(error: Exception, task: str, name: str) -> str:
@@ -139,7 +119,7 @@ def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstim
     is_whole = path.duration_s >= least_s - _SAME_S
     text = f"a path of {path.duration_s:g} s"
     _check(is_whole, *of_method, text, f"a path of at least {least_s:g} s")
-    return replace(answer, path=_copied(path))  # the method may have changed it after using it
+    return replace(answer, path=deepcopy(path))  # the method may have changed it after using it
 
 
 def image_answer(

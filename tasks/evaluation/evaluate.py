@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from itertools import chain
 
 import numpy as np
@@ -14,13 +16,11 @@ from numpy.typing import NDArray
 from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
-from eres_render.sequence.sequence import Rendered
-from sensor import Events, stream_bank
-from sensor.emulators import V2eFrame
+from eres_render.sequence.sequence import read_ahead
+from sensor import Events, SensorModel, stream_bank
 from sensor.readout import Sender
-from tasks.ahead import made_ahead
-from tasks.evaluation.emulated import EmulatedPixels
-from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.emulated import EmulatedPixels, seen
+from tasks.evaluation.reference import ReferenceFrames, central_part
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.sensor_setting import Setting
@@ -31,6 +31,7 @@ from tasks.registry import TASKS, load
 from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
+_Names = dict[Setting, list[str]]  # of sensors that differ in nothing else
 
 FRAMES_AHEAD = 12  # as many as sensors take at once, so that neither side waits for the other
 
@@ -54,6 +55,8 @@ def evaluate(
 ) -> Evaluation:
     """Simulate sensors on a sequence, and score every method of the tasks on their events.
 
+    A sensor of another shape than the frames sees the largest central part of its shape.
+
     Parameters
     ----------
     truth
@@ -64,57 +67,95 @@ def evaluate(
         Called with each sensor's next events, warm-up included; from several threads, but for one
         sensor from one thread at a time.
     """
-    at_start = replace(sequence.rendered)
-    reference = ReferenceFrames(sequence, truth)
-    names: dict[Setting, list[str]] = {}  # of sensors that differ in nothing else
+    parts: dict[tuple[int, int], tuple[RadianceSequence, GroundTruth, _Names]] = {}
     for setting in settings:
+        part, of_part = central_part(sequence, truth, setting.model.width, setting.model.height)
+        *_, names = parts.setdefault((part.width, part.height), (part, of_part, {}))
         names.setdefault(replace(setting, name=""), []).append(setting.name)
-    sensors = [_Sensor(reference, setting, own, tasks, watch) for setting, own in names.items()]
-    stopwatch = Stopwatch()
-    before_s = sequence.rendered.seconds
+    reference: ReferenceFrames | None = None
+    stopwatch, rendered = Stopwatch(), sequence.rendered
+    rows: list[Row] = []
+    methods: list[MethodTimings] = []
+    models: list[SensorModel] = []
+    fired = 0
     with ThreadPoolExecutor(cores()) as workers:
-        with stopwatch("sensing"):
-            _collect(sequence, sensors, workers, stopwatch, on_progress)
-        stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
-        with stopwatch("scoring"):
-            scored = _score(sensors, workers, on_progress)
-    rows = [row for sensor, task, score in scored for row in sensor.rows(task, score)]
-    rendered = sequence.rendered.since(at_start)
-    timings = _timings(sequence, sensors, scored, stopwatch.seconds, rendered)
+        for part, of_part, names in parts.values():
+            shown = ReferenceFrames(part, of_part)
+            reference = reference or shown  # the others' would fill the memory
+            sensors = []
+            for setting, own in names.items():
+                source = RenderedClip(shown, replace(setting, name=own[0]))
+                scorers = {
+                    name: load(TASKS[name].scorer)(source, task)
+                    for name, task in tasks.items()
+                    if task.methods
+                }
+                sensors.append(_Sensor(source, own, scorers, watch))
+            before_s = rendered.seconds
+            with stopwatch("sensing"):
+                _collect(part, sensors, workers, stopwatch, on_progress)
+            stopwatch.seconds["rendering"] += rendered.seconds - before_s
+            with stopwatch("scoring"):
+                # The largest come first, so that the cores finish at about the same time.
+                order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
+                for k, _ in enumerate(workers.map(_Sensor.score, order), start=1):
+                    on_progress("scoring", k, len(sensors))
+            rows += [row for sensor in sensors for row in sensor.rows()]
+            scored = ((sensor.setting, *each) for sensor in sensors for each in sensor.scored)
+            methods += method_timings(scored)
+            models += [sensor.setting.model for sensor in sensors]
+            fired += sum(sensor.fired for sensor in sensors)
+    assert reference is not None, "there is at least one sensor"
+    seconds, manifest = stopwatch.seconds, sequence.manifest
+    stages = split_shared_time(
+        rendering_s=seconds["rendering"],
+        waiting_s=seconds["waiting"],
+        simulating_s=seconds["sensing"] - seconds["waiting"] - seconds["collecting"],
+        collecting_s=seconds["collecting"],
+    )
+    stages["rendering_s"] += rendered.seconds - seconds["rendering"]  # before the sensors
+    timings = JobTimings(
+        scene=manifest.scene,
+        sample=manifest.clip,
+        cores=cores(),
+        frames=len(sequence) * len(parts),
+        resolution=manifest.width,
+        spp=manifest.spp,
+        sensors=len(models),
+        pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
+        events=fired,
+        scoring_s=seconds["scoring"],
+        methods=tuple(methods),
+        rendered_frames=rendered.frames,
+        height=manifest.height,
+        **stages,
+    )
     return Evaluation(rows, timings, reference)
 
 
+@dataclass(eq=False)
 class _Sensor:
     """One sensor, under one name or several, with its bus, its scorers and its number of events."""
 
-    def __init__(
-        self,
-        reference: ReferenceFrames,
-        setting: Setting,
-        names: Sequence[str],
-        tasks: Mapping[str, TaskSettings],
-        watch: Watch | None,
-    ) -> None:
-        self.setting = replace(setting, name=names[0])
-        self._names = names
-        self.source = RenderedClip(reference, self.setting)
-        self.fired = 0
-        self._in_window = 0
-        self._dropped = 0  # of the events in the window
-        self._sender = None if setting.readout is None else Sender(setting.readout)
-        self._watch = watch
-        self._scorers: dict[str, Scorer] = {
-            name: load(TASKS[name].scorer)(self.source, task)
-            for name, task in tasks.items()
-            if task.methods
-        }
+    source: RenderedClip
+    names: list[str]
+    scorers: dict[str, Scorer]  # of each task
+    watch: Watch | None
+    fired: int = 0
+    in_window: int = 0
+    dropped: int = 0  # of the events in the window
+    scored: list[tuple[str, Score]] = field(default_factory=list)  # with their tasks
+
+    def __post_init__(self) -> None:
+        self.setting = self.source.setting
+        self._sender = None if self.setting.readout is None else Sender(self.setting.readout)
 
     def push(self, events: Events) -> None:
         """Add the next events that the pixels fire, those of the warm-up included."""
         start_us, end_us = self.setting.start_us, self.setting.end_us
         self.fired += len(events)
         first, last = np.searchsorted(events.t_us, [start_us, end_us])
-        self._in_window += int(last - first)
+        self.in_window += int(last - first)
         if self._sender is None:
             self._receive(events)
             return
@@ -122,34 +163,30 @@ class _Sensor:
         self._receive(self._sender.push(events[:first]))
         before = self._sender.report.dropped
         self._receive(self._sender.push(events[first:last]))
-        self._dropped += self._sender.report.dropped - before
+        self.dropped += self._sender.report.dropped - before
         self._receive(self._sender.push(events[last:]))
 
     def _receive(self, events: Events) -> None:
         """Pass on events that have left the sensor."""
-        for scorer in self._scorers.values():
+        for scorer in self.scorers.values():
             scorer.push(events)
-        if self._watch:
-            for name in self._names:
-                self._watch(replace(self.setting, name=name), events)
+        if self.watch:
+            for name in self.names:
+                self.watch(replace(self.setting, name=name), events)
 
-    def scores(self) -> list[tuple[str, Score]]:
-        """Return the scores of all tasks, each with its task, after the last event."""
+    def score(self) -> None:
+        """Score all tasks, after the last event."""
         if self._sender is not None and (last := self._sender.finish()) is not None:
             self._receive(last)
-        return [
-            (task, score) for task, scorer in self._scorers.items() for score in scorer.scores()
-        ]
+        for task, scorer in self.scorers.items():
+            self.scored += [(task, score) for score in scorer.scores()]
 
-    def rows(self, task: str, score: Score) -> list[Row]:
-        """Return a score as a row of each name."""
-        rate_hz = self._in_window / self.source.window.seconds
-        dropped = self._dropped / self._in_window if self._dropped else 0.0
-        row = row_of(task, self.source, score, rate_hz, dropped)
-        return [replace(row, sensor=name) for name in self._names]
-
-
-_Scored = tuple[_Sensor, str, Score]
+    def rows(self) -> list[Row]:
+        """Return each score as a row of each name."""
+        rate_hz = self.in_window / self.source.window.seconds
+        dropped = self.dropped / self.in_window if self.dropped else 0.0
+        rows = [row_of(task, self.source, score, rate_hz, dropped) for task, score in self.scored]
+        return [replace(row, sensor=name) for row in rows for name in self.names]
 
 
 def _collect(
@@ -166,15 +203,13 @@ def _collect(
         pixels.setdefault(replace(sensor.setting, name="", readout=None), []).append(sensor)
     exact = [setting for setting in pixels if setting.emulation is None]
     programs = {
-        EmulatedPixels(setting, sequence.t_s, sequence.window_s): on
-        for setting, on in pixels.items()
-        if setting.emulation is not None
+        EmulatedPixels(one, sequence): on for one, on in pixels.items() if one.emulation is not None
     }
 
     def emulate(k: int, frame: NDArray[np.float32]) -> None:
         """Show a frame to the programs that see it."""
-        seen: dict[tuple[float, ...], V2eFrame] = {}
-        tasks = [(one, one.seen(frame, seen), on) for one, on in programs.items() if one.sees[k]]
+        light = cache(partial(seen, frame))  # for all that see the same
+        tasks = [(one, light(*one.optics), on) for one, on in programs.items() if one.sees[k]]
         for _ in workers.map(lambda task: _push(task[0].push(k, task[1]), task[2]), tasks):
             pass  # raises an error of its sensor
 
@@ -185,14 +220,15 @@ def _collect(
             emulate(k, frame)
             yield frame
             on_progress("simulating", k + 1, len(sequence))
+        any(one.pixels.warn_if_clamped() for one in programs)
 
     after = np.searchsorted(sequence.t_s, [one.t_start_s for one in exact], side="right")
     source, count = iter(sequence), len(sequence)
     # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
-    with made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD) as ahead:
+    whole = read_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD)
+    with closing(whole) as ahead:
         if not exact:
             deque(frames(ahead), maxlen=0)
-            any(one.warn_if_clamped() for one in programs)
             return
         events_of_all = stream_bank(
             frames(ahead),
@@ -209,7 +245,6 @@ def _collect(
             # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
             pushes = [workers.submit(_push, batch[i], pixels[exact[i]]) for i in order]
-    any(one.warn_if_clamped() for one in programs)
 
 
 def _push(events: Events, sensors: Iterable[_Sensor]) -> None:
@@ -228,60 +263,15 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _score(sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress) -> list[_Scored]:
-    """Return the scores of all sensors, in order."""
-    # The largest come first, so that the cores finish at about the same time.
-    order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
-    scores: dict[_Sensor, list[tuple[str, Score]]] = {}
-    for sensor, own in zip(order, workers.map(_Sensor.scores, order), strict=True):
-        scores[sensor] = own
-        on_progress("scoring", len(scores), len(sensors))
-    return [(sensor, *scored) for sensor in sensors for scored in scores[sensor]]
-
-
-def _timings(
-    sequence: RadianceSequence,
-    sensors: Sequence[_Sensor],
-    scored: Iterable[_Scored],
-    seconds: Mapping[str, float],
-    rendered: Rendered,
-) -> JobTimings:
-    manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
-    stages = split_shared_time(
-        rendering_s=seconds["rendering"],
-        waiting_s=seconds["waiting"],
-        simulating_s=seconds["sensing"] - seconds["waiting"] - seconds["collecting"],
-        collecting_s=seconds["collecting"],
-    )
-    stages["rendering_s"] += rendered.seconds - seconds["rendering"]  # before the sensors
-    return JobTimings(
-        scene=manifest.scene,
-        sample=manifest.clip,
-        cores=cores(),
-        frames=len(sequence),
-        resolution=manifest.width,
-        spp=manifest.spp,
-        sensors=len(sensors),
-        pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
-        events=sum(sensor.fired for sensor in sensors),
-        scoring_s=seconds["scoring"],
-        methods=_method_timings(scored),
-        rendered_frames=rendered.frames,
-        height=manifest.height,
-        **stages,
-    )
-
-
-def _method_timings(scored: Iterable[_Scored]) -> tuple[MethodTimings, ...]:
-    """Return the timings of each method on each sensor."""
+def method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> Iterator[MethodTimings]:
+    """Yield the timings of each method on each sensor, from scores with their sensors and tasks."""
     groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
-    for sensor, task, score in scored:
-        setting = sensor.setting
+    for setting, task, score in scored:
         if not score.copied:
             key = task, score.method, score.variant, setting.model.width, setting.name
             groups.setdefault(key, []).append(score)
-    return tuple(
-        MethodTimings(
+    for key, scores in groups.items():
+        yield MethodTimings(
             *key[:4],
             estimates=len(scores),
             events=sum(score.events for score in scores),
@@ -289,5 +279,3 @@ def _method_timings(scored: Iterable[_Scored]) -> tuple[MethodTimings, ...]:
             median_cpu_s=float(np.median([score.cpu_s for score in scores])),
             sensor=key[4],
         )
-        for key, scores in groups.items()
-    )

@@ -1,9 +1,10 @@
-"""Reference data from the frames and ground truth, shared by all sensors."""
+"""Reference data from the frames and ground truth, shared by all sensors of a shape."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, GroundTruth, RadianceSequence
 from sensor.model import SensorModel
-from sensor.optics import integrate
+from sensor.optics import crop_to_aspect, integrate
 from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
@@ -21,10 +22,55 @@ _MAX_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
 _T = TypeVar("_T")
 
 
-def dark_level_of(model: SensorModel) -> float:
-    """Return the dark level of a sensor of a `Setting`, in the frames' unit of radiance."""
-    assert model.dark_level is not None, "settings have a dark level"
-    return model.dark_level
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class _CentralPart(RadianceSequence):
+    """A sequence that crops the frames of another, which may still be rendering."""
+
+    whole: RadianceSequence
+    rows: slice
+    columns: slice
+
+    def __iter__(self) -> Iterator[NDArray[np.float32]]:
+        return (frame[self.rows, self.columns] for frame in self.whole)
+
+    def frame(self, i: int) -> NDArray[np.float32]:
+        """Read frame i: (H, W) float32 linear radiance."""
+        return self.whole.frame(i)[self.rows, self.columns]
+
+
+def central_part(
+    sequence: RadianceSequence, truth: GroundTruth, width: int, height: int
+) -> tuple[RadianceSequence, GroundTruth]:
+    """Return the largest central part of a sequence with the shape of a sensor, and its truth.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+
+    Returns
+    -------
+    sequence, truth
+        The frames cropped to what the sensor sees, and the ground truth of the cropped camera; the
+        arguments themselves if the sensor sees all.
+    """
+    whole = sequence.camera
+    if height == round(width * whole.height / whole.width):  # its pixels may not be quite square
+        return sequence, truth
+    rows, columns = crop_to_aspect(whole.height, whole.width, height, width)
+    size = columns.stop - columns.start, rows.stop - rows.start
+    camera = whole.cropped(columns.start, rows.start, *size)
+    manifest = replace(
+        sequence.manifest,
+        width=camera.width,
+        height=camera.height,
+        fov_rad=camera.fov_rad,
+        intrinsics=(camera.fx, camera.fy, camera.cx, camera.cy),
+    )
+    values = {f.name: getattr(sequence, f.name) for f in fields(RadianceSequence)}
+    values["manifest"] = manifest
+    part = _CentralPart(**values, whole=sequence, rows=rows, columns=columns)
+    return part, truth.of_camera(camera)
 
 
 class ReferenceFrames:
@@ -53,30 +99,21 @@ class ReferenceFrames:
         k = int(np.searchsorted(self.sequence.t_s, self.sequence.window_s[end]))
         return self._once(("frame", k), lambda: self.sequence.frame(k))
 
-    def _log_frame(self, end: int, dark_level: float) -> NDArray[np.float64]:
-        return self._once(("log", end, dark_level), lambda: _log(self._frame(end), dark_level))
-
-    def log_start(self, model: SensorModel) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's start, with the dark level of a sensor."""
-        return self._log_frame(0, dark_level_of(model))
-
-    def log_end(self, model: SensorModel) -> NDArray[np.float64]:
-        """(H, W) log intensity at the window's end, with the dark level of a sensor."""
-        return self._log_frame(1, dark_level_of(model))
+    def log_frame(self, end: int, model: SensorModel) -> NDArray[np.float64]:
+        """(H, W) log intensity at the window's start, 0, or end, 1, with a sensor's dark level."""
+        key = "log", end, model.dark_level
+        return self._once(key, lambda: _log(self._frame(end), model))
 
     def log_white(self, model: SensorModel) -> float:
         """Log intensity of white at the window's end, with the dark level of a sensor."""
-        key = "log_white", dark_level_of(model)
-        return self._once(key, lambda: log_white_level(self.log_end(model)))
+        key = "log_white", model.dark_level
+        return self._once(key, lambda: log_white_level(self.log_frame(1, model)))
 
     def log_image(self, model: SensorModel) -> NDArray[np.float64]:
         """(h, w) log intensity at the window's start, as the pixels of a sensor see it."""
         pixels = model.height, model.width, model.fill_factor
-        dark_level = dark_level_of(model)
-        return self._once(
-            ("log_image", *pixels, dark_level),
-            lambda: _log(integrate(self._frame(0), *pixels), dark_level),
-        )
+        key = "log_image", *pixels, model.dark_level
+        return self._once(key, lambda: _log(integrate(self._frame(0), *pixels), model))
 
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera of a sensor that sees all of the frames.
@@ -113,11 +150,10 @@ class ReferenceFrames:
         -------
         (H, W) in [0, 1], at the frames' resolution.
         """
-        dark_level = dark_level_of(model)
-        key = dark_level, t_s, equalization
+        key = model.dark_level or 0.0, t_s, equalization
         with self._picturing:  # sensors are scored by several threads
             if key not in self._pictures:
-                log_image = log_light(self.sequence, t_s, dark_level)
+                log_image = log_light(self.sequence, t_s, key[0])
                 if len(self._pictures) >= _MAX_PICTURES:  # they ask for one time after another
                     del self._pictures[next(iter(self._pictures))]
                 self._pictures[key] = picture(log_image, log_image.shape, equalization)
@@ -132,5 +168,5 @@ class ReferenceFrames:
             return value
 
 
-def _log(radiance: NDArray[np.floating], dark_level: float) -> NDArray[np.float64]:
-    return np.log(radiance.astype(np.float64) + dark_level)
+def _log(radiance: NDArray[np.floating], model: SensorModel) -> NDArray[np.float64]:
+    return np.log(radiance.astype(np.float64) + (model.dark_level or 0.0))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eres_render import Camera, Plane, Trajectory
 from eres_render.scene.scene import name_and_seed
 from tasks.errors import TaskError
-from tasks.evaluation.reference import ReferenceFrames, dark_level_of
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import DenseFlow, Flow, Tracking, Video, unlike_two_poles
@@ -34,8 +34,8 @@ class RenderedClip(Source):
         self.contrast_threshold = self.model.contrast_threshold
         self.off_weight = self.model.off_threshold / self.model.contrast_threshold
         self.log_image = lambda: reference.log_image(setting.model)
-        self.log_start = lambda: reference.log_start(setting.model)
-        self.log_end = lambda: reference.log_end(setting.model)
+        self.log_start = lambda: reference.log_frame(0, setting.model)
+        self.log_end = lambda: reference.log_frame(1, setting.model)
         self.log_white = lambda: reference.log_white(setting.model)
 
     def before_us(self) -> int:
@@ -84,19 +84,13 @@ class RenderedClip(Source):
                 f"video, method {method!r}: found {other}, but the method needs photoreceptor "
                 "'two_pole' with one cutoff"
             )
-        light = dark_level_of(model), model.cutoff_hz, self.speed, model.fill_factor
+        light = model.dark_level or 0.0, model.cutoff_hz, self.speed, model.fill_factor
         return TrueLight(sequence, *light)
 
     def path(self, task: Tracking) -> Trajectory:
         """Return the true path, in the events' time: a faster camera runs through it sooner."""
-        self._check_path()
-        path = path_at(self.pose, 0.0)
-        self._check_frames(round(path.duration_s * 1e6), task.delay_us)
-        return path
-
-    def _check_path(self) -> None:
-        """Raise if the scene's path has no spare knot before and after the window's path."""
-        start_s, speed = self.reference.sequence.window_s[0], self.speed
+        sequence, speed = self.reference.sequence, self.speed
+        start_s = sequence.window_s[0]
         end_s = self.reference.truth.trajectory.duration_s
         first_s = start_s - KNOT_INTERVAL_S * speed
         last_s = start_s + (PATH_S + KNOT_INTERVAL_S) * speed
@@ -106,18 +100,17 @@ class RenderedClip(Source):
                 f"{first_s:g} to {last_s:g} s for the tracked path and a knot on each side; lower "
                 "the speed, or render clips, without --continuous"
             )
-
-    def _check_frames(self, duration_us: int, delay_us: int) -> None:
-        """Raise if the frames end before the path, or before its last events come."""
-        end_s = float(self.reference.sequence.t_s[-1])
-        shown_us = round(1e6 * end_s / self.speed) - self.window.start_us
-        if duration_us + delay_us > shown_us + 1:
+        path, delay_us = path_at(self.pose, 0.0), task.delay_us
+        duration_us = round(path.duration_s * 1e6)
+        shown_us = round(1e6 * float(sequence.t_s[-1]) / speed) - self.window.start_us
+        if duration_us + delay_us > shown_us + 1:  # or the last events come after the frames
             delayed = f", plus {1e-3 * delay_us:g} ms for delays" if delay_us else ""
             raise TaskError(
-                f"tracking: at speed {self.speed:g} the frames last {1e-3 * shown_us:g} ms from "
+                f"tracking: at speed {speed:g} the frames last {1e-3 * shown_us:g} ms from "
                 f"the start of the window, but the path needs {1e-3 * duration_us:g} ms{delayed}; "
                 "lower the speed"
             )
+        return path
 
     def pose(self, t_s: Float64) -> Float64:
         truth, start_s = self.reference.truth, self.reference.sequence.window_s[0]
@@ -135,7 +128,6 @@ class RenderedClip(Source):
 
     def columns(self, score: Score) -> dict[str, Any]:
         setting, manifest = self.setting, self.reference.sequence.manifest
-        readout = setting.readout
         return {
             "scene": manifest.scene,
             "cutoff_hz": self.model.cutoff_hz,
@@ -146,7 +138,7 @@ class RenderedClip(Source):
             "illuminance_lux": setting.illuminance_lux,
             "speed_m_s": setting.speed_m_s,
             "simulator": setting.emulation.name if setting.emulation else "exact",
-            "bus_mev_s": math.inf if readout is None else readout.max_rate_hz / 1e6,
+            "bus_mev_s": setting.readout.max_rate_hz / 1e6 if setting.readout else math.inf,
         }
 
 

@@ -16,7 +16,7 @@ from tasks.evaluation.source import ALL, check_needs
 from tasks.methods import check_method
 from tasks.registry import TASKS
 from tasks.row import Row
-from tasks.warm_up import needed_s, warn_if_coarse, warn_if_short
+from tasks.warm_up import needed_s, warn_of_frames
 
 
 def evaluate_sequence(
@@ -86,8 +86,7 @@ def evaluate_sequence(
     model = camera.model(lux=lux, cutoff_hz=cutoff_hz, white=sequence.white_level)
     for name in names:
         check_method(task, name, weights, [(model.width, model.height)])
-    warn_if_short(sequence, model.cutoff_hz, speed, windows_before, camera.warm_up)
-    warn_if_coarse(sequence)
+    warn_of_frames(sequence, model.cutoff_hz, speed, windows_before, camera.warm_up)
     start_s, end_s = sequence.window_s
     warm_up_s = needed_s(model.cutoff_hz, speed, time_constants=camera.warm_up)
     setting = Setting(

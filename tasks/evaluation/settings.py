@@ -351,14 +351,13 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int, height: int) -> float:
         """As `TaskSettings.score_s`."""
-        costs = {method: TASKS["video"].cost(method) for method in self.methods}
-        images_s = self.images * sum(cost.answer_s for cost in costs.values())
-        windows_s = 0.0
-        for method, cost in costs.items():
+        methods_s = 0.0
+        for method in self.methods:
+            cost = TASKS["video"].cost(method)
             window_s = (has_windows_of_e2vid(method) and self.e2vid_window_s) or _WINDOW_S
-            windows_s += cost.window_s * self.duration_s / window_s
+            methods_s += self.images * cost.answer_s + cost.window_s * self.duration_s / window_s
         pictures = self.images * len(self.methods) * (1 + len(self.other_equalizations or ()))
-        return (images_s + windows_s) * share_of_1280(width, height) + pictures * _PICTURE_SCORE_S
+        return methods_s * share_of_1280(width, height) + pictures * _PICTURE_SCORE_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -397,8 +396,7 @@ class Evaluate(Mapping[str, TaskSettings]):
         for task, settings in tasks.items():
             if task not in TASKS:
                 raise TaskError(f"evaluate.{task}: unknown; {suggestion(task, TASKS)}")
-            if settings:  # None stands for the default
-                use_python_numbers(settings)
+            use_python_numbers(settings)
         self._given = tasks
 
     def __getitem__(self, task: str) -> TaskSettings:

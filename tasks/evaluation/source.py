@@ -16,9 +16,8 @@ from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
 from tasks.flow import Features, initial_sigma_px, patch_px, rnepe_px
 from tasks.methods.true_video import TrueLight
-from tasks.registry import TASKS, load
+from tasks.registry import NATIVE_PATCH, TASKS, load
 from tasks.row import Row
-from tasks.variants import NATIVE_PATCH
 
 Float64 = NDArray[np.float64]
 
@@ -91,19 +90,18 @@ class Polarities:
 
     def __init__(self, size: tuple[int, int], window: Window, off_weight: float) -> None:
         self._window, self._off_weight = window, off_weight
-        self._sum = np.zeros(size[::-1], np.int64)
-        # Sum of OFF events; a single 0 if they count like ON events.
-        self._off_sum = np.zeros((1, 1) if off_weight == 1 else size[::-1], np.int64)
+        # Of all events and, unless they count like ON events, of OFF events.
+        self._sums = np.zeros((1 if off_weight == 1 else 2, *size[::-1]), np.int64)
 
     def push(self, events: Events) -> None:
         window = events.between(self._window.start_us, self._window.end_us)
         if len(window):
-            self._sum += window.polarity_sum()
-            if self._off_weight != 1:
-                self._off_sum += window.where(window.p < 0).polarity_sum()
+            self._sums[0] += window.polarity_sum()
+            for of_off in self._sums[1:]:
+                of_off += window.where(window.p < 0).polarity_sum()
 
     def total(self) -> Float64:
-        return np.asarray(self._sum + (self._off_weight - 1) * self._off_sum)
+        return np.asarray(self._sums[0] + (self._off_weight - 1) * self._sums[1:].sum(axis=0))
 
 
 class Source:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import time
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from eres_render.sequence.sequence import Rendered
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
@@ -121,17 +120,6 @@ class JobTimings:
         """Core seconds of all stages."""
         stages = self.rendering_s, self.reading_s, self.simulating_s, self.collecting_s
         return self.cores * (sum(stages) + self.scoring_s)
-
-
-def of_one_job(parts: Sequence[JobTimings], before: Rendered) -> JobTimings:
-    """Return the timings of a job whose sensors were evaluated in several parts."""
-    counts = "frames", "sensors", "pixel_frames", "events", "rendered_frames"
-    times = "reading_s", "simulating_s", "collecting_s", "scoring_s", "rendering_s"
-    total = {name: sum(getattr(part, name) for part in parts) for name in (*counts, *times)}
-    total["rendered_frames"] += before.frames
-    total["rendering_s"] += before.seconds
-    methods = tuple(method for part in parts for method in part.methods)
-    return replace(parts[0], methods=methods, **total)
 
 
 def split_shared_time(

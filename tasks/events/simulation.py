@@ -25,7 +25,7 @@ from tasks.events.overwriting import check_new
 from tasks.events.truth import AddTo, truth_to_add
 from tasks.footage import Footage
 from tasks.origin import origin_of
-from tasks.warm_up import TIME_CONSTANTS, warn_if_coarse, warn_if_short
+from tasks.warm_up import TIME_CONSTANTS, warn_of_frames
 
 _log = logging.getLogger(__name__)
 
@@ -167,8 +167,7 @@ def simulate_sequence(
     check_new(out, options.overwrite, sequence.folder)
     seen_part(sequence, sequence.folder, model)  # refused before ground truth is prepared
     speed = options.speed
-    warn_if_short(sequence, model.cutoff_hz, speed, time_constants=options.warm_up)
-    warn_if_coarse(sequence)
+    warn_of_frames(sequence, model.cutoff_hz, speed, time_constants=options.warm_up)
     additions: list[AddTo] = []
     imu.check()
     for name, wanted in (("truth", truth_step_s), ("imu", imu.imu)):

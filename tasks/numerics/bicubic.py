@@ -22,25 +22,20 @@ def sample(image, x_px, y_px):
         (H, W) float64.
     """
     height, width = image.shape
-    column = x_px - 0.5
-    row = y_px - 0.5
+    column, row = x_px - 0.5, y_px - 0.5
     x0 = int(column) if column >= 0 else int(column) - 1
     y0 = int(row) if row >= 0 else int(row) - 1
-    fx, fy = column - x0, row - y0
-    wx0, wx1, wx2, wx3 = _weights(fx)
-    gx0, gx1, gx2, gx3 = _slopes(fx)
-    wy = _weights(fy)
-    gy = _slopes(fy)
+    wx, gx = _weights(column - x0), _slopes(column - x0)
+    wy, gy = _weights(row - y0), _slopes(row - y0)
     value, dx, dy = 0.0, 0.0, 0.0
     xa, xb = min(max(x0 - 1, 0), width - 1), min(max(x0, 0), width - 1)
     xc, xd = min(max(x0 + 1, 0), width - 1), min(max(x0 + 2, 0), width - 1)
     for j in range(4):
         y = min(max(y0 + j - 1, 0), height - 1)
-        a, b, c, d = image[y, xa], image[y, xb], image[y, xc], image[y, xd]
-        line = a * wx0 + b * wx1 + c * wx2 + d * wx3
+        line, slope = _line(image[y, xa], image[y, xb], image[y, xc], image[y, xd], wx, gx)
         value += wy[j] * line
         dy += gy[j] * line
-        dx += wy[j] * (a * gx0 + b * gx1 + c * gx2 + d * gx3)
+        dx += wy[j] * slope
     return value, dx, dy
 
 

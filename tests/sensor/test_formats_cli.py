@@ -35,7 +35,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.events.simulation import SimulationOptions, simulate_frames
 from tasks.registry import TASKS
-from tasks.warm_up import warn_if_short
+from tasks.warm_up import warn_of_frames
 
 
 @pytest.fixture(scope="module")
@@ -287,6 +287,11 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
     assert all(said in message for message in caplog.messages)
 
 
+def frames_at(t_s, window_s):
+    manifest = SimpleNamespace(max_displacement_px=0.5)
+    return SimpleNamespace(t_s=t_s, window_s=window_s, folder="clip", manifest=manifest)
+
+
 @pytest.mark.parametrize(
     ("start_s", "warns"),
     [(0.25, True), (0.0, False)],  # a clip without a warm-up, and a path from its start
@@ -294,20 +299,20 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
 def test_a_clip_without_a_warm_up_is_warned_about(caplog, start_s, warns):
     caplog.set_level(logging.WARNING, "tasks")
     t_s = np.array([start_s, start_s + 0.1])
-    frames = SimpleNamespace(t_s=t_s, window_s=tuple(t_s.tolist()))
+    frames = frames_at(t_s, tuple(t_s.tolist()))
     for cutoff_hz in (50.0, math.inf):  # an ideal pixel's memory, too, starts at the first frame
         caplog.clear()
-        warn_if_short(frames, cutoff_hz, 1.0)
+        warn_of_frames(frames, cutoff_hz, 1.0)
         assert ("is 0 ms of the path, expected 38.2 ms:" in caplog.text) == warns
 
 
 def test_the_window_before_counts_in_the_warm_up(caplog):
     """Promise: 0.25 s of frames before a window of 0.1 s are 0.15 s before the window before it."""
     caplog.set_level(logging.WARNING, "tasks")
-    frames = SimpleNamespace(t_s=np.array([0.0, 0.35]), window_s=(0.25, 0.35))
-    warn_if_short(frames, 5.0, 1.0)
+    frames = frames_at(np.array([0.0, 0.35]), (0.25, 0.35))
+    warn_of_frames(frames, 5.0, 1.0)
     assert not caplog.messages
-    warn_if_short(frames, 5.0, 1.0, windows_before=1)
+    warn_of_frames(frames, 5.0, 1.0, windows_before=1)
     assert "is 150 ms of the path, expected 191 ms, 6 time constants of a 5 Hz" in caplog.text
 
 

@@ -9,12 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from drawn import section
-from eres_render.sequence.sequence import Rendered
-from finished_runs import FLOW, JOB, NOTHING
+from finished_runs import FLOW, JOB
 from tasks.errors import ResultError
 from tasks.evaluation.timings import (
     JobTimings,
-    of_one_job,
     read_timings,
     split_shared_time,
     timings_file,
@@ -35,18 +33,6 @@ def test_costs_of_earlier_studies_are_left_out(tmp_path: Path) -> None:
     for name, sample in (("mine", 1), ("earlier", 2)):
         (tmp_path / f"{name}.json").write_bytes(timings_file(replace(JOB, sample=sample)))
     assert [one.sample for one in read_timings(tmp_path, ["mine", "not finished"])] == [1]
-
-
-def test_the_parts_of_a_job_share_their_frames() -> None:
-    """Promise: sensors of two shapes are one job, whose frames were rendered once: before and with
-    the first part."""
-    first = replace(JOB, rendered_frames=90, rendering_s=9.0, methods=(FLOW,), height=720)
-    again = replace(first, rendered_frames=0, rendering_s=0.0, sensors=3, methods=(NOTHING,))
-    found = of_one_job([first, again], Rendered(10, 1.0))
-    assert (found.rendered_frames, found.rendering_s, found.sensors) == (100, 10.0, 4)
-    assert (found.frames, found.scoring_s) == (2 * JOB.frames, 2 * JOB.scoring_s)
-    assert found.methods == (FLOW, NOTHING)
-    assert (found.resolution, found.height, found.scene) == (1280, 720, JOB.scene)
 
 
 def test_samples_are_those_of_the_frames_shape() -> None:

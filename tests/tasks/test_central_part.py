@@ -8,8 +8,8 @@ import pytest
 from eres_render import Clip, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import silent
 from sensor import SensorModel
-from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
+from tasks.evaluation.reference import central_part
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Flow, Reconstruction, Tracking
 
@@ -48,7 +48,7 @@ def test_an_upright_sensor_is_scored_at_its_own_height(small_carpet, tmp_path):
     heights = {}
     with clip_in_progress(renderer, Clip(0, 0.24, 0.25, 0.3), tmp_path / "clip", 2.0) as whole:
         for height in (94, 95, 96):
-            part, truth = central_part(whole, ground_truth(whole), 60, height)
+            truth = ground_truth(whole)
             model = SensorModel(width=60, height=height, dark_level=1e-3)
             tasks = {
                 "reconstruction": Reconstruction(methods=("no_events",)),
@@ -56,10 +56,27 @@ def test_an_upright_sensor_is_scored_at_its_own_height(small_carpet, tmp_path):
                 "tracking": Tracking(methods=("initial_path",)),
             }
             setting = Setting(model, 1.0, 250_000, 300_000)
-            found = evaluate(part, truth, [setting], tasks, silent)
+            found = evaluate(whole, truth, [setting], tasks, silent)
             assert len(found.rows) == 1 + 5 + 1
             camera = found.reference.camera(60, height)
             assert (camera.width, camera.height) == (60, height)
             assert camera.fy == pytest.approx(camera.fx, rel=0.01)
-            heights[height] = truth.camera(60).height
+            _, of_part = central_part(whole, truth, 60, height)
+            heights[height] = of_part.camera(60).height
     assert heights == {94: 94, 95: 94, 96: 96}  # of square pixels, and a case for this test
+
+
+def test_sensors_of_two_shapes_share_their_frames(small_carpet, tmp_path):
+    """Promise: each shape reads the frames, which are rendered once; the times are of one job."""
+    renderer = Renderer(small_carpet, width=64, spp=1)
+    with clip_in_progress(renderer, Clip(0, 0.24, 0.25, 0.3), tmp_path / "clip", 2.0) as whole:
+        models = [SensorModel(width=32, height=height, dark_level=1e-3) for height in (32, 24, 16)]
+        settings = [Setting(model, 1.0, 250_000, 300_000) for model in (models[0], *models)]
+        tasks = {"reconstruction": Reconstruction(methods=("no_events",))}
+        found = evaluate(whole, ground_truth(whole), settings, tasks, silent)
+        timings = found.timings
+        assert (timings.frames, timings.rendered_frames) == (3 * len(whole), len(whole))
+        assert (timings.resolution, timings.height, timings.sensors) == (64, 64, 3)
+        assert timings.pixel_frames == len(whole) * 32 * (32 + 24 + 16)
+        assert (len(found.rows), len(timings.methods)) == (4, 3)
+        assert found.reference.sequence is whole

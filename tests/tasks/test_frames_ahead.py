@@ -1,10 +1,11 @@
 """Frames that are taken before they are wanted: order, limits, and errors."""
 
 import threading
+from contextlib import closing
 
 import pytest
 
-from tasks.ahead import made_ahead
+from eres_render.sequence.sequence import read_ahead
 from tasks.evaluation.evaluate import FRAMES_AHEAD
 
 
@@ -29,7 +30,7 @@ class Frames:
 
 def frames_ahead(frames, count):
     source = iter(frames)
-    return made_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD)
+    return closing(read_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD))
 
 
 @pytest.mark.parametrize("count", [0, 1, FRAMES_AHEAD, 5 * FRAMES_AHEAD])

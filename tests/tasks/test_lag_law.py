@@ -10,7 +10,7 @@ import pytest
 
 from benchmark_files import FOLDER, benchmark
 from sensor import SensorModel, simulate
-from tasks.advice.law import CROSSING_PX, chosen, delay_s, finer_wins, lag_px
+from tasks.advice.law import CROSSING_PX, NEAR_PX, chosen, delay_s, finer_wins, lag_px
 from tasks.advice.stored import (
     TABLE,
     Window,
@@ -66,7 +66,7 @@ def test_a_window_has_a_case_for_each_pair():
     assert (first.width, first.coarser, second.width, second.coarser) == (200, 100, 400, 200)
     assert (first.lag_px, second.lag_px) == pytest.approx((2, 4))
     assert (first.margin_db, second.margin_db) == (2.0, -0.5)
-    assert (first.is_right, second.is_right) == (False, True)
+    assert (first.finer_won, second.finer_won) == (True, False)
     assert [*plain._replace(cutoff_hz=math.inf).cases()] == []
 
 
@@ -110,7 +110,7 @@ def test_the_chip_is_as_its_page_says():
 def test_how_often_the_law_is_right(stored):
     """Promise: the shares on docs/what_decides.md, and that 1 px is not fitted."""
     cases = cases_of(stored[RUNS[0]])
-    far = [case for case in cases if not case.is_near]
+    far = [case for case in cases if not NEAR_PX[0] <= case.lag_px <= NEAR_PX[1]]
     assert (len(cases), len(far)) == (1440, 1121)
     assert (share_right(cases), share_right(far)) == (92.7, 98.0)
     others = [share_right(cases, at) for at in (0.8, 0.9, 1.1, 1.2)]

@@ -23,7 +23,7 @@ from sensor import Events, SensorModel
 from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
-from tasks.evaluation.evaluate import _method_timings
+from tasks.evaluation.evaluate import method_timings
 from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.dense_flow import DenseFlowScorer
 from tasks.evaluation.scorers.video import VideoScorer
@@ -394,8 +394,8 @@ def test_one_flow_of_a_sensor_is_one_estimate():
     source = SimpleNamespace(window=Window(0, 9), before_us=lambda: -9, points=lambda task: points)
     scorer = DenseFlowScorer(source, task)
     scorer._before, scorer._during = [stream(0)], [stream(1)]
-    sensor = SimpleNamespace(setting=SimpleNamespace(model=SimpleNamespace(width=W), name=""))
-    timings = _method_timings((sensor, "dense_flow", score) for score in scorer.scores())
+    setting = SimpleNamespace(model=SimpleNamespace(width=W), name="")
+    timings = method_timings((setting, "dense_flow", score) for score in scorer.scores())
     events = len(stream(0)) + len(stream(1))
     assert [(one.estimates, one.events) for one in timings] == [(1, events)] * 2
 

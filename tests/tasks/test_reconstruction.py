@@ -105,9 +105,7 @@ def test_methods_are_found_by_name():
 def reference_of(log_start, log_end):
     """Return a reference in which white is 1."""
     return SimpleNamespace(
-        log_start=lambda model: log_start,
-        log_end=lambda model: log_end,
-        log_white=lambda model: 0.0,
+        log_frame=lambda end, model: (log_start, log_end)[end], log_white=lambda model: 0.0
     )
 
 

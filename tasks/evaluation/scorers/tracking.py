@@ -17,7 +17,7 @@ from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import Tracking
 from tasks.evaluation.source import Source
 from tasks.methods import load_method
-from tasks.variants import sigma_variant
+from tasks.registry import sigma_variant
 
 _EVENTS_KEPT = 4  # how many times the events of a sample to keep at most
 

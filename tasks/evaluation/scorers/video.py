@@ -15,8 +15,7 @@ from tasks.evaluation.source import Source
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
 from tasks.psnr import psnr_db
-from tasks.registry import TASKS
-from tasks.variants import equalization_variant
+from tasks.registry import TASKS, equalization_variant
 from tasks.video import ImageTaker, picture
 
 

@@ -7,6 +7,7 @@ import json
 import logging
 import math
 import time
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -18,9 +19,9 @@ from eres_render.cores import cores
 from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import cost, silent
+from eres_render.sequence.sequence import read_ahead
 from eres_render.storage.atomic import write_text
 from sensor.memory import memory_bytes
-from tasks.ahead import made_ahead
 from tasks.errors import TrainingError
 from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
@@ -102,8 +103,8 @@ def train(
     problem.hold_out()
     saved_s = started_s = time.monotonic()
     before_s = progress.seconds
-    steps, threads = range(progress.step, schedule.steps), cores()
-    with made_ahead(problem.batch, steps, threads=threads, most=threads + 1) as batches:
+    steps = range(progress.step, schedule.steps)
+    with closing(read_ahead(problem.batch, steps)) as batches:
         for batch in batches:
             loss = learn(problem, schedule, optimizer, progress.step, batch, place)
             progress.losses.append(loss)

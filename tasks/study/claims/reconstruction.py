@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
+from tasks.registry import equalization_variant
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import (
@@ -22,7 +23,6 @@ from tasks.study.claims.statistics import (
 )
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import IDEAL_MARGIN_IN_CAPTION_DB, SPEEDS, WIDTHS
-from tasks.variants import equalization_variant
 
 EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")
 HIGH_PASS = Series("video", "high_pass_filter", "psnr_db")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tasks.registry import TASKS
+from tasks.registry import NATIVE_PATCH, TASKS, sigma_variant
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
 from tasks.study.claims.numbers import (
@@ -34,7 +34,6 @@ from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import BASE_SPEED_M_PER_S, FIELD_PX, PRINTS, light_label
 from tasks.study.results.words import join_words
-from tasks.variants import NATIVE_PATCH, sigma_variant
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]

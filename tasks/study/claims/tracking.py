@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tasks.registry import sigma_variant
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import IDEAL, NIGHT, growth, lead
@@ -17,7 +18,6 @@ from tasks.study.results.perturbation import (
 )
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import MISSING, share_text
-from tasks.variants import sigma_variant
 
 _PAPERS_START = {"variant": sigma_variant(200.0)}
 

@@ -11,11 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.registry import TASKS
+from tasks.registry import TASKS, sigma_mm
 from tasks.study.results.asked import SensorId, sensor_of
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores, base_speed
-from tasks.variants import sigma_mm
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
 REQUIRED_SUCCESS = 0.8

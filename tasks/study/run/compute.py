@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
@@ -12,13 +11,11 @@ from eres_render.progress import Progress
 from eres_render.rendering.backend import release_render_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
-from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.sensor_setting import Setting
-from tasks.evaluation.timings import JobTimings, of_one_job
+from tasks.evaluation.timings import JobTimings
 from tasks.provenance import environment
 from tasks.row import Row
-from tasks.study.config import Render, digest
+from tasks.study.config import digest
 from tasks.study.run.estimate import estimate_job
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
@@ -61,30 +58,11 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         settings = job.settings(sequence.white_level)
         highlights = Highlights(queued, settings) if queued.with_highlights else None
         push = highlights.push if highlights else None
-        before = replace(sequence.rendered)
-        rows: list[Row] = []
-        timings: list[JobTimings] = []
-        reference = None  # of the first shape; the others' would fill the memory
-        for size, of_shape in _by_shape(settings, job.render).items():
-            part = central_part(sequence, light.truth(sequence), *size)
-            result = evaluate(*part, of_shape, job.evaluate, on_progress, push)
-            rows += result.rows
-            timings.append(result.timings)
-            reference = reference or result.reference
-        whole = of_one_job(timings, before)
-        whole = replace(whole, resolution=sequence.width, height=sequence.height)
-        files = highlights.result(reference, sequence) if highlights and reference else {}
-    rows = job.with_every_reading(rows)
-    return ComputedJob(rows, whole, files, environment(light.renderer.variant))
-
-
-def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:
-    """Group sensors by width and height of the part of the frames that they see."""
-    groups: dict[tuple[int, int], list[Setting]] = {}
-    for setting in settings:
-        size = render.seen_px(setting.model.width, setting.model.height)
-        groups.setdefault(size, []).append(setting)
-    return groups
+        truth = light.truth(sequence)
+        result = evaluate(sequence, truth, settings, job.evaluate, on_progress, push)
+        files = highlights.result(result.reference, sequence) if highlights else {}
+    rows = job.with_every_reading(result.rows)
+    return ComputedJob(rows, result.timings, files, environment(light.renderer.variant))
 
 
 class _SceneLight:

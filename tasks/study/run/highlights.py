@@ -8,7 +8,7 @@ import numpy as np
 
 from eres_render import RadianceSequence
 from sensor import Events
-from tasks.evaluation.reference import ReferenceFrames, dark_level_of
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
@@ -64,7 +64,7 @@ class Highlights:
         white = np.float32(np.exp(reference.log_white(self._first)))
         frames = [sequence.frame(int(i)) / white for i in shown]
         previews = preview_files(self._job, frames, self._films)
-        dark_level = dark_level_of(self._first)
+        dark_level = self._first.dark_level or 0.0
         scaling, slope = measure_scaling(reference.sequence, dark_level, self._histograms)
         scaling = replace(scaling, job=self._key)
         return {

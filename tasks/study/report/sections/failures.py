@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tasks.registry import TASKS
+from tasks.registry import TASKS, sigma_mm
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.asked import SensorId
@@ -13,7 +13,6 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import TRACKING, sweep
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import MISSING, share_text
-from tasks.variants import sigma_mm
 
 
 def sweeps(scores: Scores) -> dict[str, list[Series]]:
