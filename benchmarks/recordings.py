@@ -30,16 +30,14 @@ from tasks.events.reading import ReadOptions
 from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import off_grid
-from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
-from tasks.recording.flow_windows import spread
-from tasks.recording.frames import RecordedFrames, open_frames
+from tasks.recording.flow_windows import spread, track
+from tasks.recording.frames import RecordedFrames, inside, open_frames
 from tasks.recording.options import USUAL_FLOW, FlowOptions
-from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
 from tasks.recording.source import sources
 from tasks.recording.threshold import Thresholds, fit_recording
-from tasks.recording.tracks import track
+from tasks.recording.video import Calibration, read_calibration
 from tasks.recording.worth import worth_of_events
 from tasks.row import Row
 
@@ -125,7 +123,7 @@ def measure_slider(
     for k in spread(inside(recording, frames), options.windows):
         found = track(frames.light(k), frames.light(k + 1), options.features)
         window_us = (int(frames.middle_us[k]), int(frames.middle_us[k + 1]))
-        for start_px, flow_px in zip(found.start_px, found.flow_px, strict=True):
+        for start_px, flow_px in zip(found.centers_px, found.flow_px, strict=True):
             sample = flow_sample(
                 events,
                 *window_us,

@@ -32,10 +32,10 @@ from tasks.errors import TaskError
 from tasks.events.description import describe
 from tasks.events.reading import AS_STORED
 from tasks.exposures import read_exposures
-from tasks.fitting.steps import read_steps
+from tasks.fitting.response import read_steps
 from tasks.footage import images, video
-from tasks.recording.calibration import read_calibration
 from tasks.recording.frames import open_frames
+from tasks.recording.video import read_calibration
 from tasks.rig.markers import Detections, read_detections, write_detections
 from tasks.rig.slider import Slider, read_slider, write_slider
 from tasks.row import Row, read_rows, write_rows

@@ -307,9 +307,8 @@ def video(
         Replace the images of an earlier call.
     """
     from tasks.methods.networks import named_weights
-    from tasks.recording.calibration import read_calibration
     from tasks.recording.recording import open_recording
-    from tasks.recording.video import write_video
+    from tasks.recording.video import read_calibration, write_video
 
     recording = open_recording(source, format=format, reading=reading)
     lens = None if calibration is None else read_calibration(calibration, recording.size)

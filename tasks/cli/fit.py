@@ -81,10 +81,10 @@ def fit(
     from sensor.events import concatenate
     from tasks.events.overwriting import check_new
     from tasks.fitting import fit as fitting
-    from tasks.fitting.steps import read_steps
+    from tasks.fitting.response import read_steps
     from tasks.origin import in_text
     from tasks.recording.clock import on_one_clock
-    from tasks.recording.pairs import check_frames
+    from tasks.recording.frames import check_frames
     from tasks.recording.recording import open_recording
     from tasks.rig.light import light_of_crop
 

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from eres_render import RadianceSequence, open_sequence
 from sensor import Events
 from sensor.errors import reading
-from sensor.formats import dsec
+from sensor.formats import Header, dsec
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import crop_to_aspect, integrate
-from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_recordings, index_at
+from tasks.datasets.recordings import TARGETS, TRUTH, DatasetRecording, find_recordings
 from tasks.errors import TaskError
 from tasks.origin import shift_us
 
-_MAX_OPEN = 32  # files that a process keeps open
+_MAX_OPEN = 64  # files and clips that a process keeps open
 
 _AT_A_TIME = ("depth", "pose", "instances")  # truth at a time; the rest is over an interval
 
@@ -126,7 +126,7 @@ class EventDataset:
         self.transform = transform
         if window_us is None and window_events is None:
             _check_present(self.recordings, "flow", "give window_us or window_events")
-        self._ends = list(accumulate(map(self._count, self.recordings)))
+        self._ends = list(accumulate(len(self._edges(one)) - 1 for one in self.recordings))
         if self._ends[-1] == 0:
             raise TaskError(f"{folder}: every recording is shorter than a window")
 
@@ -147,41 +147,32 @@ class EventDataset:
         k %= len(self)
         number = bisect_right(self._ends, k)
         recording = self.recordings[number]
-        reader = _reader(recording.path)
-        earlier = self._ends[number - 1] if number else 0
-        events, window_us = self._window(recording, reader, k - earlier)
+        reader: DsecReader = _opened(DsecReader, recording.path, _version(recording.path))
+        k -= self._ends[number - 1] if number else 0
+        first, stop = self._edges(recording)[k : k + 2]
+        if self.window_events is None:
+            events, window_us = reader.between(first, stop), (first, stop)
+        else:
+            events = reader.part(first, stop)
+            window_us = int(events.t_us[0]), int(events.t_us[-1]) + 1
         columns = events.columns._asdict()
         item: Item = columns if self.transform is None else {"events": self.transform(events)}
         item["window_us"] = np.array(window_us)
         item["recording"] = np.array(number)
         if "frame" in self.targets:
-            item |= _frame(recording, events, window_us[1])
+            item |= _frame(recording, reader.header, window_us[1])
         with reading(recording.path, dsec.TITLE):
             return item | _truth(reader.file, recording, self.targets, window_us)
 
-    def _count(self, recording: DatasetRecording) -> int:
-        if self.window_us is not None:
-            start_us, end_us = recording.window_us
-            return (end_us - start_us) // self.window_us
+    def _edges(self, recording: DatasetRecording) -> Sequence[int]:
+        """Return where the windows of a recording begin and end: times, or numbers of events."""
         if self.window_events is not None:
             first, stop = recording.window_events
-            return (stop - first) // self.window_events
-        return len(recording.truth_us) - 1
-
-    def _window(
-        self, recording: DatasetRecording, reader: DsecReader, k: int
-    ) -> tuple[Events, tuple[int, int]]:
-        """Return the events and the times of a recording's window k."""
-        if self.window_events is not None:
-            first = recording.window_events[0] + k * self.window_events
-            events = reader.part(first, first + self.window_events)
-            return events, (int(events.t_us[0]), int(events.t_us[-1]) + 1)
+            return range(first, stop + 1, self.window_events)
         if self.window_us is not None:
-            start_us = recording.window_us[0] + k * self.window_us
-            window_us = start_us, start_us + self.window_us
-        else:
-            window_us = recording.truth_us[k], recording.truth_us[k + 1]
-        return reader.between(*window_us), window_us
+            start_us, end_us = recording.window_us
+            return range(start_us, end_us + 1, self.window_us)
+        return recording.truth_us
 
 
 def _checked_targets(
@@ -208,26 +199,13 @@ def _check_present(recordings: Sequence[DatasetRecording], target: str, advice: 
             raise TaskError(f"{recording.path}: has no {target}; {remedy}, or {advice}")
 
 
-def _reader(path: Path) -> DsecReader:
-    return _opened_reader(path, _version(path))
-
-
 @lru_cache(maxsize=_MAX_OPEN)
-def _opened_reader(path: Path, _: tuple[int, ...]) -> DsecReader:
-    return DsecReader(path)
+def _opened(kind: Callable[[Path], Any], path: Path, _: tuple[int, ...]) -> Any:
+    return kind(path)
 
 
 # After a fork, HDF5 would otherwise use files opened before it, with shared descriptors.
-os.register_at_fork(after_in_child=_opened_reader.cache_clear)
-
-
-def _clip(folder: Path) -> RadianceSequence:
-    return _opened_clip(folder, _version(folder / "manifest.json"))
-
-
-@lru_cache(maxsize=_MAX_OPEN)
-def _opened_clip(folder: Path, _: tuple[int, ...]) -> RadianceSequence:
-    return open_sequence(folder)
+os.register_at_fork(after_in_child=_opened.cache_clear)
 
 
 def _version(file: Path) -> tuple[int, ...]:
@@ -239,18 +217,19 @@ def _version(file: Path) -> tuple[int, ...]:
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
-def _frame(recording: DatasetRecording, events: Events, t_us: int) -> Item:
+def _frame(recording: DatasetRecording, header: Header, t_us: int) -> Item:
     """Return the frame nearest to a time, as the sensor sees it."""
     assert recording.clip is not None
-    clip = _clip(recording.clip)
-    header = _reader(recording.path).header
+    version = _version(recording.clip / "manifest.json")
+    clip: RadianceSequence = _opened(open_sequence, recording.clip, version)
     speed = float(header.origin["speed"])
     times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / speed).astype(int)
     times_us += shift_us(clip, header.origin, speed)
-    k = index_at(times_us, t_us)
-    rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
+    k = int(np.argmin(np.abs(times_us - t_us)))
+    width, height = recording.size_px
+    rows, columns = crop_to_aspect(clip.height, clip.width, height, width)
     fill_factor = 1.0 if header.model is None else header.model.fill_factor
-    frame = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
+    frame = integrate(clip.frame(k)[rows, columns], height, width, fill_factor)
     return {"frame": frame.astype(np.float32), "frame_us": np.array(times_us[k])}
 
 
@@ -272,19 +251,16 @@ def _truth(
         item["flow_occluded"] = truth["flow_occluded"][k]
     if item:
         item["flow_us"] = times_us[k : k + 2]
-    k = index_at(times_us, window_us[1])
+    k = int(np.argmin(np.abs(times_us - window_us[1])))
     for name in wanted:
         if name in _AT_A_TIME:
-            item |= {name: _image(truth, TRUTH[name], k), "truth_us": np.array(times_us[k])}
+            item["truth_us"] = np.array(times_us[k])
+            if TRUTH[name] in truth:
+                item[name] = truth[TRUTH[name]][k]
+            else:  # nothing moves
+                item[name] = np.zeros(truth["depth"].shape[1:], np.uint8)
     if "pose" in wanted:
         item["K"] = truth["K"][:]
         if "distortion" in truth:
             item["distortion"] = truth["distortion"][:]
     return item
-
-
-def _image(truth: Any, name: str, k: int) -> NDArray[Any]:
-    """Return an array of the truth at a time; without moving objects, a file has no instances."""
-    if name == "instances" and name not in truth:
-        return np.zeros(truth["depth"].shape[1:], np.uint8)
-    return np.asarray(truth[name][k])

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-import numpy as np
-
 from eres_render import open_sequence
 from sensor import EventFormatError
 from sensor.errors import reading
@@ -188,14 +186,3 @@ def _check_truth(
         expected = (len(t_us) - steps, *shape)
         if shapes.get(name, expected) != expected:
             raise TaskError(f"{path}: truth/{name}: found shape {shapes[name]}, not {expected}")
-
-
-def index_at(times_us: np.ndarray, t_us: int) -> int:
-    """Return the index of the nearest time.
-
-    Parameters
-    ----------
-    times_us
-        (T,) times, sorted.
-    """
-    return int(np.argmin(np.abs(times_us - t_us)))

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import Events, stream_bank
 from sensor.cameras import EventCamera
+from sensor.representations import event_counts
 from tasks.errors import TaskError
-from tasks.fitting.parts import Part
-from tasks.numerics.estimate import Estimate, bootstrap, tiles_of
+from tasks.fitting.check import Part
+from tasks.numerics.estimate import Estimate, bootstrap, lowest, tiles_of
 from tasks.recording.levels import Levels
 from tasks.recording.motion import lag
 from tasks.recording.threshold import FittedThresholds, fit_thresholds
@@ -97,40 +98,31 @@ def sweep_dark(
         fit_thresholds(levels, coarse, *late)  # whose error says why
     pixels = events.height * events.width
     counts = np.zeros((1 + len(fits), pixels), np.int64)
-    start_us, end_us = part.counted_us
-
-    def count(k: int, part: Events) -> None:
-        place = part.y.astype(np.int64) * part.width + part.x
-        counts[k] += np.bincount(place, minlength=pixels)
-
-    count(0, events.between(start_us, end_us))
+    counts[0] = event_counts(events.between(*part.counted_us)).sum(axis=0).ravel()
     if (total := int(counts[0].sum())) < _LEAST:
         raise TaskError(f"dark level: found {total} events, needs at least {_LEAST}; give --dark")
     brightness = np.zeros(pixels)
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        for k, frame in enumerate(part.light, start=1):
+        for frame in part.played("choosing the dark level", on_progress):
             brightness[:] += frame.ravel()
-            on_progress("choosing the dark level", k, len(part.light))
             yield frame
 
     models = [_behind(camera, fitted, *late).model() for fitted in fits]
-    offset_us = part.light.t_offset_us
     for k, simulated in stream_bank(frames(), part.light.t_s, models):
-        count(k + 1, simulated.between(start_us - offset_us, end_us - offset_us))
+        counts[k + 1] += event_counts(part.counted(simulated)).sum(axis=0).ravel()
     order = np.argsort(brightness, kind="stable")
     until = np.cumsum(counts[0][order])
     of_class = np.empty(pixels, np.int64)
     of_class[order] = np.minimum(_CLASSES * until // total, _CLASSES - 1)
-    every = np.arange(pixels)
-    tile = tiles_of(every // events.width, every % events.width, events.width)
+    tile = tiles_of(np.arange(pixels), events.width)
     tiles = int(tile.max()) + 1
     cell, size = tile * _CLASSES + of_class, tiles * _CLASSES
     sums = np.stack([np.bincount(cell, each, size).reshape(tiles, _CLASSES) for each in counts], 1)
     logs = np.log([fitted.dark for fitted in fits])
 
     def best(total: Float64) -> Float64:
-        return np.array([_lowest(logs, np.square(_uneven(total)))])
+        return np.array([lowest(logs, np.square(_uneven(total)))])
 
     (level,) = bootstrap(sums.reshape(tiles, -1).astype(np.float64), best)
     chosen = Estimate(
@@ -162,12 +154,3 @@ def _uneven(total: Float64) -> Float64:
     """Return (G,) standard deviations over the classes, from (1 + G) x classes numbers."""
     real, *others = total.reshape(-1, _CLASSES)
     return np.std(np.log((np.array(others) + 1) / (real + 1)), axis=1)
-
-
-def _lowest(x: Float64, y: Float64) -> float:
-    """Return where a parabola through the lowest point and its neighbors is lowest."""
-    k = int(np.argmin(y))
-    if not 0 < k < len(x) - 1:
-        return float(x[k])
-    a, b, _ = np.polyfit(x[k - 1 : k + 2] - x[k], y[k - 1 : k + 2], 2)
-    return float(x[k] - b / (2 * a))

@@ -18,9 +18,8 @@ from sensor.cameras import EventCamera, Source, plain_camera
 from sensor.cameras.camera import Kind
 from sensor.cameras.fields import FIELDS
 from tasks.errors import TaskError
-from tasks.fitting.check import Agreement, compare
+from tasks.fitting.check import Agreement, Check, compare, parts_of
 from tasks.fitting.darkness import DARK_SHARES, Swept, sweep_dark
-from tasks.fitting.parts import Check, parts_of
 from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
@@ -274,8 +273,8 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
         start_us, end_us = (int(events.t_us[0]) + round(1e6 * t_s) for t_s in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
             length = f"{1e-6 * int(events.t_us[-1] - events.t_us[0]):.6f} s"
-            end = f"--still: found an end of {evidence.still_s[1]:g} s"
-            raise TaskError(f"{end}, but the recording lasts only {length}")
+            found = f"--still: found an end of {evidence.still_s[1]:g} s"
+            raise TaskError(f"{found}, but the recording lasts only {length}")
         quiet = events.between(start_us, end_us)
         noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))
         result = replace(result, noise=noise)
@@ -289,16 +288,10 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
     if evidence.rises_us is not None:
         result = replace(result, response=fit_response(events, evidence.rises_us))
         on_progress("fitting", 1, 1)
-    if evidence.frames is None and evidence.light is None:
-        return result
-    return _in_motion(events, evidence, result, on_progress)
-
-
-def _in_motion(events: Events, evidence: Evidence, result: Found, on_progress: Progress) -> Found:
-    """Add dark level, thresholds and, on request, cutoff and latency from motion; check them."""
-    known = evidence.camera or plain_camera(events.width, events.height)
     light = evidence.light if evidence.frames is None else evidence.frames
-    assert light is not None
+    if light is None:
+        return result
+    known = evidence.camera or plain_camera(events.width, events.height)
     part, held_out = parts_of(events, light, evidence.check)
     hot = None if result.noise is None else result.noise.hot
     share = known.dark_share if evidence.dark_share is None else evidence.dark_share

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from eres_render.errors import reading
 from sensor import Events
+from sensor.errors import EventError
+from sensor.formats import read_triggers
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
-from tasks.numerics.estimate import Estimate, tiles_of, units
+from tasks.numerics.estimate import Estimate, units
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -54,6 +59,46 @@ class Response(NamedTuple):
     latency_s: Estimate
     first_event_s: tuple[float, float, float]
     steps: int
+
+
+def read_steps(where: str, recording: Path, format: str | None = None) -> Int64:
+    """Read the times at which the light steps up.
+
+    Parameters
+    ----------
+    where
+        A text file with one time per line, microseconds; or "triggers", for the rising edges in the
+        recording, with the number of their channel as in "triggers:1" if it has several.
+    recording, format
+        The recording, and its format; by default that of its extension or header.
+
+    Returns
+    -------
+    (S,) microseconds, on the clock of the events.
+
+    Raises
+    ------
+    TaskError
+        A line of the file is no time, or the recording has edges on other channels.
+    """
+    if chosen := re.fullmatch(r"triggers(?::(\d+))?", where):
+        channel = None if chosen[1] is None else int(chosen[1])
+        triggers = read_triggers(recording, format=format)
+        try:
+            return triggers.rising_us(channel)
+        except EventError as error:
+            raise TaskError(f"{recording}: {error}, as in --steps triggers:1") from None
+    file = Path(where)
+    with reading(file, "text", TaskError):
+        lines = file.read_text(encoding="utf-8").splitlines()
+    times = []
+    for k, line in enumerate(lines, start=1):
+        if text := line.partition("#")[0].strip():
+            try:
+                times.append(np.int64(round(float(text))))
+            except (ValueError, OverflowError):
+                raise TaskError(f"{file}:{k}: found {text!r}, expected a time in us") from None
+    return np.array(times, np.int64)
 
 
 def fit_response(events: Events, rises_us: Int64) -> Response:
@@ -133,8 +178,7 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
         mean = f"{len(since_us) / max(trials, 1):.2g} ON events per pixel and step"
         least = f"expected at least {_MIN_EVENTS:g}; larger steps help"
         raise TaskError(f"--steps: found {mean}, {least}")
-    tile = tiles_of(answering // events.width, answering % events.width, events.width)
-    return _Answers(since_us, step, place, units(tile, answering), len(rises_us))
+    return _Answers(since_us, step, place, units(answering, events.width), len(rises_us))
 
 
 def _after_steps(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from sensor import Events
+from sensor.representations import event_counts
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, poisson_rate, share
 
@@ -40,12 +41,9 @@ class Noise(NamedTuple):
     hot: NDArray[np.bool_]
 
 
-def counts(events: Events) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def counts(events: Events) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the ON and the OFF events of each pixel, (H, W) each."""
-    place = events.y.astype(np.int64) * events.width + events.x
-    shape = events.height, events.width
-    size = shape[0] * shape[1]
-    on, off = (np.bincount(place[events.p == p], minlength=size).reshape(shape) for p in (1, -1))
+    off, on = event_counts(events)
     return on, off
 
 
@@ -90,10 +88,8 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
     leak = Estimate(*(max(0.0, surplus + way * spread) / exposure for way in (0, -1, 1)))
     hot_rate = None
     if hot.any():
-        count = int(hot.sum())
-        all_hot = poisson_rate(float(total[hot].sum()), seconds * count)
-        usual = mean / seconds
-        hot_rate = Estimate(*(max(0.0, rate - usual) for rate in all_hot))
+        all_hot = poisson_rate(float(total[hot].sum()), seconds * int(hot.sum()))
+        hot_rate = Estimate(*(max(0.0, rate - mean / seconds) for rate in all_hot))
     shot_noise = Estimate(*(2 * rate for rate in off_rate))
     return Noise(leak, shot_noise, share(int(hot.sum()), total.size), hot_rate, hot)
 

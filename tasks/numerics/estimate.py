@@ -64,13 +64,13 @@ def share(count: int, total: int) -> Estimate:
     return Estimate(count / total, float(low), float(high))
 
 
-def tiles_of(y: NDArray[np.integer], x: NDArray[np.integer], width: int) -> NDArray[np.int64]:
+def tiles_of(pixel: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     """Return the tile of each pixel.
 
     Parameters
     ----------
-    y, x
-        (N,) coordinates.
+    pixel
+        (N,) numbers of the pixels, row by row.
     width
         Width of the sensor, px.
 
@@ -78,23 +78,25 @@ def tiles_of(y: NDArray[np.integer], x: NDArray[np.integer], width: int) -> NDAr
     -------
     (N,) int64
     """
-    across = -(-width // TILE_PX)
-    return y.astype(np.int64) // TILE_PX * across + x.astype(np.int64) // TILE_PX
+    y, x = np.divmod(pixel, width)
+    return y // TILE_PX * -(-width // TILE_PX) + x // TILE_PX
 
 
-def units(tile: NDArray[np.int64], pixel: NDArray[np.int64]) -> NDArray[np.int64]:
+def units(pixel: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     """Return what a bootstrap draws: tiles, or pixels if the data are of fewer than eight tiles.
 
     Parameters
     ----------
-    tile, pixel
-        (N,) tile and pixel of each datum, as any integers.
+    pixel
+        (N,) number of the pixel of each datum.
+    width
+        Width of the sensor, px.
 
     Returns
     -------
     (N,) numbers from 0 up
     """
-    tiles, unit = np.unique(tile, return_inverse=True)
+    tiles, unit = np.unique(tiles_of(pixel, width), return_inverse=True)
     return unit if len(tiles) >= _MIN_TILES else np.unique(pixel, return_inverse=True)[1]
 
 
@@ -117,3 +119,18 @@ def bootstrap(
     low, high = np.nanpercentile(drawn, _LOW_HIGH, axis=0)
     value = answer(sums.sum(axis=0))
     return [Estimate(*map(float, each)) for each in zip(value, low, high, strict=True)]
+
+
+def lowest(x: NDArray[np.number], y: NDArray[np.float64]) -> float:
+    """Return where a parabola through the lowest point and its neighbors is lowest.
+
+    Parameters
+    ----------
+    x, y
+        (N,) coordinates of the points; x ascends. A lowest point at an end is returned itself.
+    """
+    k = int(np.argmin(y))
+    if not 0 < k < len(x) - 1:
+        return float(x[k])
+    a, b, _ = np.polyfit(x[k - 1 : k + 2] - x[k], y[k - 1 : k + 2], 2)
+    return float(x[k] - b / (2 * a))

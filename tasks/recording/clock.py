@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tasks.errors import TaskError
-from tasks.recording.frames import DARK, RecordedFrames
-from tasks.recording.levels import levels_of, light_between
-from tasks.recording.line import best_delay_us
-from tasks.recording.pairs import check_frames, events_of, inside, sums
+from tasks.numerics.estimate import lowest
+from tasks.recording.frames import DARK, RecordedFrames, check_frames, inside
+from tasks.recording.levels import best_delay_us, levels_of, light_between
 from tasks.recording.recording import Recording, cut
-from tasks.recording.worth import Explained
+from tasks.recording.worth import solve_pairs
 
 REACH_US = 20_000
 STEP_US = 1_000
@@ -75,10 +74,7 @@ def estimate_shift(recording: Recording, frames: RecordedFrames) -> Shift | None
     best = int(np.argmin(left))
     if not 0 < best < len(left) - 1:
         return None
-    low, middle, high = left[best - 1 : best + 2]
-    curvature = low - 2 * middle + high
-    fraction = 0.5 * (low - high) / curvature if curvature > 0 else 0.0
-    first_us = round(shifts_us[best] + fraction * STEP_US)
+    first_us = round(lowest(np.array(shifts_us), np.array(left)))
     second_us = first_us + round(_lateness_us(recording, frames.later(first_us), pairs))
     first, second = _unexplained(recording, frames, pairs, (first_us, second_us))
     before = left[shifts_us.index(0)]
@@ -91,12 +87,8 @@ def _unexplained(
     recording: Recording, frames: RecordedFrames, pairs: Sequence[int], shifts_us: Sequence[int]
 ) -> list[float]:
     """Return the share of squared change that events do not explain, for each shift of frames."""
-    fits = [Explained() for _ in shifts_us]
-    for k, events in zip(pairs, events_of(recording, frames, pairs, REACH_US), strict=True):
-        before, after = frames.log_light(k), frames.log_light(k + 1)
-        for shift_us, fit in zip(shifts_us, fits, strict=True):
-            fit.add(before, after, sums(events, frames, k, shift_us))
-    return [1.0 if (solution := fit.solve()) is None else solution[1] for fit in fits]
+    solutions = solve_pairs(recording, frames, pairs, shifts_us)
+    return [1.0 if solution is None else solution[1] for solution in solutions]
 
 
 def _lateness_us(recording: Recording, frames: RecordedFrames, pairs: Sequence[int]) -> float:

@@ -1,7 +1,9 @@
 """Windows of a recording in which flow is scored, and the reference for it.
 
 With frames, a window lasts from one frame to the next, and the reference is the track of each
-corner from the first to the second. Without frames there is no reference: the score is how much
+corner from the first to the second, by OpenCV's pyramidal Lucas-Kanade tracker, forward and
+backward: a corner that does not come back to its start is left out (Kalal et al.,
+"Forward-Backward Error", ICPR 2010). Without frames there is no reference: the score is how much
 sharper the image of the events becomes when they are moved back along the flow, the flow warp loss
 of Stoffregen et al., "Reducing the Sim-to-Real Gap for Event Cameras" (ECCV 2020), for the patch
 around each corner of that image.
@@ -18,20 +20,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events
+from sensor.representations import event_counts
 from tasks.errors import TaskError
 from tasks.evaluation.source import Window
 from tasks.flow import REACH_SIGMAS, FlowSample, flow_sample
 from tasks.methods.contrast_maximization import Contrast, off_grid
-from tasks.recording.frames import RecordedFrames
+from tasks.recording.frames import RecordedFrames, inside
 from tasks.recording.options import FlowOptions
-from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording
-from tasks.recording.tracks import strong_corners
 
 END_POINT_ERROR, CONTRAST_GAIN = "epe_px", "contrast_gain"
 """Metrics: the distance from the corners tracked in the frames; the contrast of the events moved
 back along a flow, divided by the contrast of the unmoved events."""
 
+RETURN_PX = 0.2
+QUALITY = 0.03  # strength of the weakest corner over the strongest; weaker ones are noise
+_APART = 1 / 24  # widths of the frame between two corners
+_WINDOW_PX = 21
+_LEVELS = 3
 _MIN = {"window_ms": 1e-3, "windows": 1, "features": 1, "patch_px": 3, "search_px": 1e-3}
 
 
@@ -132,7 +138,17 @@ def windows_of(
     """
     check(options)
     if frames is None:
-        return [(even, 0) for even in _even_windows(recording, options, first=int(with_before))]
+        if options.window_ms is None:
+            raise TaskError("give --window-ms or --frames")
+        first, length_us = int(with_before), round(1e3 * options.window_ms)
+        whole = (recording.end_us - recording.start_us) // length_us
+        if whole <= first:
+            long_ms = (recording.end_us - recording.start_us) / 1000
+            least = f"expected at least {first + 1} x {options.window_ms:g} ms (--window-ms)"
+            raise TaskError(f"{recording.path}: found {long_ms:g} ms of events, {least}")
+        numbers = spread(range(first, whole), options.windows)
+        begins_us = [recording.start_us + n * length_us for n in numbers]
+        return [(Window(begin, begin + length_us), 0) for begin in begins_us]
     middle_us = frames.middle_us.tolist()
     windows = [(Window(middle_us[k], middle_us[k + 1]), k) for k in inside(recording, frames)]
     if with_before:
@@ -141,21 +157,6 @@ def windows_of(
             needed = "dense flow needs events for a window's length before the window"
             raise TaskError(f"{recording.path}: {needed}, but no window between frames has them")
     return [windows[i] for i in spread(range(len(windows)), options.windows)]
-
-
-def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
-    """Return windows of equal length, spread over a recording, but not the first `first` ones."""
-    if options.window_ms is None:
-        raise TaskError("give --window-ms or --frames")
-    length_us = round(1e3 * options.window_ms)
-    whole = (recording.end_us - recording.start_us) // length_us
-    if whole <= first:
-        long_ms = (recording.end_us - recording.start_us) / 1000
-        least = f"expected at least {first + 1} x {options.window_ms:g} ms (--window-ms)"
-        raise TaskError(f"{recording.path}: found {long_ms:g} ms of events, {least}")
-    numbers = spread(range(first, whole), options.windows)
-    begins_us = [recording.start_us + n * length_us for n in numbers]
-    return [Window(begin, begin + length_us) for begin in begins_us]
 
 
 def spread(numbers: Sequence[int], most: int) -> list[int]:
@@ -185,6 +186,8 @@ def spread(numbers: Sequence[int], most: int) -> list[int]:
 
 class Sharpness:
     """How much sharper the events around corners become when moved back along a flow."""
+
+    metric = CONTRAST_GAIN
 
     def __init__(self, window: Window, events: Events, start: Start) -> None:
         self._reach_px = start.reach_px
@@ -238,8 +241,95 @@ def event_corners(events: Events) -> NDArray[np.float64]:
     -------
     (N, 2) positions, px.
     """
-    size = events.width * events.height
-    pixel = events.y.astype(np.int64) * events.width + events.x
-    image = np.bincount(pixel, minlength=size).reshape(events.height, events.width)
-    smooth = cv2.GaussianBlur(np.sqrt(image).astype(np.float32), (0, 0), 1.0)
+    image = np.sqrt(event_counts(events).sum(axis=0))
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0)
     return strong_corners(np.asarray(smooth, np.float32))
+
+
+def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the corners of an image of a real camera, the strongest first.
+
+    Parameters
+    ----------
+    image
+        (H, W).
+
+    Returns
+    -------
+    (N, 2) positions, px.
+    """
+    corners = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
+    return np.reshape([] if corners is None else corners, (-1, 2)).astype(np.float64) + 0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tracks:
+    """Corners of a frame, and where they are in the next one.
+
+    Parameters
+    ----------
+    centers_px
+        (N, 2) positions in the first frame, the strongest corner first; pixel centers are at
+        integers + 0.5.
+    flow_px
+        (N, 2) displacements.
+    """
+
+    metric = END_POINT_ERROR
+    centers_px: NDArray[np.float64]
+    flow_px: NDArray[np.float64]
+
+    def value(self, k: int, flow_px: NDArray[np.float64]) -> float:
+        """Return how far a flow is from the displacement of a corner.
+
+        Parameters
+        ----------
+        k
+            Index of the corner.
+        flow_px
+            (2,) the flow.
+
+        Returns
+        -------
+        px
+        """
+        return float(np.linalg.norm(flow_px - self.flow_px[k]))
+
+
+def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) -> Tracks:
+    """Track the strongest corners of a frame.
+
+    Parameters
+    ----------
+    light, later
+        (H, W) light of two frames, in the same unit.
+    count
+        Largest number of tracks.
+
+    Returns
+    -------
+    Tracks
+        Tracks of the corners that come back to within 0.2 px of their start.
+    """
+    white = max(light.max(), later.max(), 1e-30)  # black frames have no corners
+    first, second = (np.round(255 / white * image).astype(np.uint8) for image in (light, later))
+    start_px = strong_corners(first)
+    if not len(start_px):
+        return Tracks(start_px, start_px)
+    places = (start_px - 0.5).astype(np.float32).reshape(-1, 1, 2)
+    moved, is_tracked = _follow(first, second, places)
+    back, is_back = _follow(second, first, moved)
+    missed = np.linalg.norm((back - places).reshape(-1, 2), axis=1)
+    good = np.flatnonzero(is_tracked & is_back & (missed <= RETURN_PX))[:count]
+    flow_px = (moved - places).reshape(-1, 2).astype(np.float64)
+    return Tracks(start_px[good], flow_px[good])
+
+
+def _follow(
+    image: NDArray[np.uint8], later: NDArray[np.uint8], places: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    size, guess = (_WINDOW_PX, _WINDOW_PX), np.empty(0, np.float32)
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        image, later, places, guess, winSize=size, maxLevel=_LEVELS
+    )
+    return np.asarray(moved, np.float32), np.asarray(status).ravel() == 1

@@ -7,12 +7,18 @@ A folder has one of these files, next to the images or above them:
     timestamps.txt    time                          one per line, for the images sorted by name
 
 The latter two have the start of each exposure, not its end, and need a unit of time.
+
+An exposure averages the light while it lasts. If log intensity changes little meanwhile, the
+logarithm of the average is the average of the logarithm, so the change from one frame to the next
+is a weighted sum of events: the weight of an event rises from 0 to 1 over the first exposure, with
+the share of the exposure before the event, and falls from 1 to 0 over the second.
+This is the linear form of the event-based double integral of Pan et al., "Bringing a Blurry Frame
+Alive at High Frame-Rate with an Event Camera" (CVPR 2019).
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
@@ -22,12 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import reading
+from sensor import Events
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
-from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
+from tasks.exposures import COLUMNS, FILE_NAME, Exposure, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import has_transparency, list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance, coding_of
+from tasks.recording.recording import Recording
 
 logger = logging.getLogger(__name__)
 
@@ -112,7 +120,7 @@ class RecordedFrames:
 
     def footage(self) -> Footage:
         """Return the frames as footage with white at 1, each at the middle of its exposure."""
-        height, width = self.light(0).shape
+        height, width = self._shape
         first_us = int(self.middle_us[0])
         return Footage(
             path=self.files[0].parent,
@@ -176,38 +184,29 @@ def open_frames(
         for name, given in (("frames-time-unit", time_unit), ("exposure-us", exposure_us)):
             if given is not None:
                 raise TaskError(f"{source}: already states the times; leave out --{name} {given}")
-        exposures = read_exposures(folder)
-        files = [folder / exposure.file for exposure in exposures]
-        times_us = [(exposure.start_us, exposure.end_us) for exposure in exposures]
-        return _checked(source, files, times_us, encoding)
-    with reading(source, "text", TaskError):
-        text = source.read_text(encoding="utf-8-sig", errors="replace")
-    is_list, exponent = source.name == "images.txt", TIME_UNITS.get(time_unit or "")
-    if exponent is None and (is_list or time_unit or not text.startswith("#")):
-        unit = "no unit" if time_unit is None else f"unit {time_unit!r}"
-        raise TaskError(f"{source}: found {unit}, expected --frames-time-unit s, ms, us or ns")
-    if is_list and exponent is not None:
-        files, t_us = _read_list(source, text, exponent)
+        return _checked(source, read_exposures(folder), encoding)
+    if source.name == "images.txt":
+        starts = _read_list(source, time_unit)
     else:
         files = list_images(folder)
         t_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
-        t_us = [round(t / 1000) for t in t_ns]
+        starts = [(round(t / 1000), file.name) for t, file in zip(t_ns, files, strict=True)]
     if exposure_us is None:
         logger.warning(
             "%s: states no exposures; frames count as instants unless --exposure-us is given",
             source,
         )
-    return _checked(source, files, [(t, t + (exposure_us or 0)) for t in t_us], encoding)
+    exposures = [Exposure(t_us, t_us + (exposure_us or 0), name) for t_us, name in starts]
+    return _checked(source, exposures, encoding)
 
 
-def _checked(
-    source: Path, files: Sequence[Path], times_us: list[tuple[int, int]], encoding: str | None
-) -> RecordedFrames:
-    """Return frames with the start and the end of each exposure."""
+def _checked(source: Path, exposures: list[Exposure], encoding: str | None) -> RecordedFrames:
+    """Return the frames of some exposures."""
+    files = tuple(source.parent / exposure.file for exposure in exposures)
     if len(files) < 2:
         raise TaskError(f"{source}: frames: found {len(files)}, expected at least 2")
     before = -_LIMIT_US, -_LIMIT_US
-    for file, (start, end) in zip(files, times_us, strict=True):
+    for file, (start, end, _) in zip(files, exposures, strict=True):
         if not file.is_file():
             raise TaskError(f"{source}: lists {file.name}, but there is no file {file}")
         possible = {
@@ -220,24 +219,105 @@ def _checked(
                 exposure = f"an exposure from {start} to {end} us"
                 raise TaskError(f"{source}, {file.name}: found {exposure}, expected {expected}")
         before = start, end
-    start_us, end_us = np.array(times_us, np.int64).T
+    start_us, end_us = np.array([exposure[:2] for exposure in exposures], np.int64).T
     coding = coding_of(next(read_images([files[0]])), encoding, "srgb", files[0])
     if has_transparency(files[0]):
         logger.warning("%s: transparency is ignored; transparent pixels become visible", source)
-    return RecordedFrames(tuple(files), start_us, end_us, *coding)
+    return RecordedFrames(files, start_us, end_us, *coding)
 
 
-def _read_list(listed: Path, whole: str, exponent: int) -> tuple[list[Path], list[int]]:
-    """Return the files of an images.txt and their times stored in 10^exponent us."""
-    files, t_us = [], []
-    for k, line in enumerate(whole.splitlines(), start=1):
-        text = line.partition("#")[0].strip()
-        if not text:
+def _read_list(listed: Path, time_unit: str | None) -> list[tuple[int, str]]:
+    """Return the times in an images.txt, us, and the names of the images."""
+    if time_unit is None or time_unit not in TIME_UNITS:
+        expected = "expected --frames-time-unit s, ms, us or ns"
+        raise TaskError(f"{listed}: unit: found {time_unit or 'none'}, {expected}")
+    with reading(listed, "text", TaskError):
+        lines = listed.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    starts = []
+    for k, line in enumerate(lines, start=1):
+        if not (text := line.partition("#")[0].strip()):
             continue
         try:
             time, name = text.split(maxsplit=1)  # a name may have spaces
-            t_us.append(int(np.int64(round(Decimal(time).scaleb(exponent)))))
+            t_us = int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit]))))
         except (ArithmeticError, ValueError):
             raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
-        files.append(listed.parent / name)
-    return files, t_us
+        starts.append((t_us, name))
+    return starts
+
+
+def check_frames(recording: Recording, frames: RecordedFrames) -> None:
+    """Check that frames and events are of one camera and on one clock.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames.
+
+    Raises
+    ------
+    TaskError
+        The frames have another size than the sensor, or no two of them lie within the events.
+    """
+    height, width = frames.light(0).shape
+    if (width, height) != recording.size:
+        sensor = "the sensor has {}x{} px".format(*recording.size)
+        raise TaskError(f"{frames.files[0]}: the frame has {width}x{height} px, but {sensor}")
+    if not inside(recording, frames):
+        ends_us = frames.start_us[0], frames.end_us[-1], recording.start_us, recording.end_us
+        spans = "the frames cover {:.6f} to {:.6f} s, the events {:.6f} to {:.6f} s"
+        raise TaskError(
+            f"{recording.path}: {spans.format(*(1e-6 * int(t_us) for t_us in ends_us))}; two "
+            "successive frames must lie within the events; --frames-shift-us shifts the frames"
+        )
+
+
+def inside(recording: Recording, frames: RecordedFrames, margin_us: int = 0) -> list[int]:
+    """Find the pairs of successive frames within a recording.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames.
+    margin_us
+        Least time from the exposures to the first and last event, microseconds.
+
+    Returns
+    -------
+    The index of the first frame of each pair.
+    """
+    within = frames.start_us >= recording.start_us + margin_us
+    within &= frames.end_us <= recording.end_us - margin_us
+    return np.flatnonzero(within[:-1] & within[1:]).tolist()
+
+
+def sums(events: Events, frames: RecordedFrames, k: int, shift_us: int = 0) -> NDArray[np.float64]:
+    """Add up the events from frame k to frame k + 1, weighted by the exposures.
+
+    Parameters
+    ----------
+    events
+        The events of the pair.
+    frames, k
+        The frames, and the index of the first one of the pair.
+    shift_us
+        Added to the times of the frames, microseconds.
+
+    Returns
+    -------
+    (2, H, W) weighted numbers of the brighter and of the darker events.
+    """
+    t_us = events.t_us - shift_us
+    weight = _share(t_us, frames, k) - _share(t_us, frames, k + 1)
+    size = events.height * events.width
+    place = events.y.astype(np.int64) * events.width + events.x + size * (events.p < 0)
+    both = np.bincount(place, weight, 2 * size).astype(np.float64, copy=False)
+    return both.reshape(2, events.height, events.width)
+
+
+def _share(t_us: NDArray[np.int64], frames: RecordedFrames, k: int) -> NDArray[np.float64]:
+    """Return the share of exposure k that is over at each time; a step if it is an instant."""
+    start_us, end_us = int(frames.start_us[k]), int(frames.end_us[k])
+    if start_us == end_us:
+        return (t_us >= start_us).astype(np.float64)
+    return np.clip((t_us - start_us) / (end_us - start_us), 0.0, 1.0)

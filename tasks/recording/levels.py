@@ -2,7 +2,8 @@
 
 An event fires when the log intensity of its pixel is exactly at a level of the comparator. So
 from one event of a pixel to any later one, it changes by exactly C_on for each brighter event minus
-C_off for each darker one, whatever happens in between. Between the frames of a camera, the light
+C_off for each darker one, whatever happens in between: the light against the numbers of events is
+a line, whose slopes are the thresholds. Between the frames of a camera, the light
 follows from the motion of the image.
 """
 
@@ -12,16 +13,18 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from sensor import Events
 from sensor.kernels.photoreceptor import photoreceptor_step
 from tasks.errors import TaskError
 from tasks.footage import Footage
 from tasks.footage.interpolation import displacements_px, interpolated, steps_for
-from tasks.numerics.estimate import tiles_of, units
+from tasks.numerics.estimate import Estimate, bootstrap, tiles_of, units
 from tasks.recording.frames import RecordedFrames
 
 Float64 = NDArray[np.float64]
@@ -35,6 +38,9 @@ _BLOCK = 8  # events; over longer blocks, differences between the pixels' thresh
 _SATURATED = 0.98  # of the brightest light
 _LEAST = 100  # events
 _INSTANT_S = 1e-9  # a shorter time constant counts as none
+_PASSES = 6
+HUBER = 1.345  # standard deviations
+_DELAYS = 21  # tried before the search
 SETTLING = 0.1  # of the stretch, before which a filter depends on light before the stretch
 
 
@@ -242,8 +248,7 @@ def levels_of(
     count = np.bincount(place, minlength=events.width * events.height)
     if hot is not None:
         count[hot.ravel()] = 0
-    every = np.arange(len(count))
-    tile = tiles_of(every // events.width, every % events.width, events.width)
+    tile = tiles_of(np.arange(len(count)), events.width)
     of_tile = np.bincount(tile, count)
     first = np.argsort(-of_tile, kind="stable")[: max(1, _MAX_PIXELS // 64)]
     used = np.flatnonzero((count > 1) & np.isin(tile, first))
@@ -274,5 +279,125 @@ def levels_of(
         on=np.cumsum(p > 0)[used_events].astype(np.float64),
         off=np.cumsum(p < 0)[used_events].astype(np.float64),
         block=np.unique(group[used_events], return_inverse=True)[1],
-        unit=units(tile[used][pixel[used_events]], pixel[used_events]),
+        unit=units(used[pixel[used_events]], events.width),
+    )
+
+
+def best_delay_us(levels: Levels) -> float:
+    """Return how late the events are: the delay at which thresholds explain the light best.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+
+    Returns
+    -------
+    Within a twentieth of the time of the light, microseconds; negative if frames are late.
+    """
+    reach_us = levels.longest_delay_us
+    tried_us = np.linspace(-reach_us, reach_us, _DELAYS)
+
+    def unexplained(delay_us: float) -> float:
+        return fit_line(levels, delay_us).unexplained
+
+    left = list(map(unexplained, tried_us.tolist()))
+    best, step_us = float(tried_us[int(np.argmin(left))]), float(tried_us[1] - tried_us[0])
+    bounds = max(-reach_us, best - step_us), min(reach_us, best + step_us)
+    how = {"method": "bounded", "options": {"xatol": 1.0}}
+    return float(optimize.minimize_scalar(unexplained, bounds=bounds, **how).x)
+
+
+class Line(NamedTuple):
+    """Thresholds by robust least squares.
+
+    Parameters
+    ----------
+    on, off
+        Of brighter and darker events, log units.
+    unexplained
+        Share of the squared change of the light that they do not explain.
+    sums
+        (tiles, 6) sums of the normal equations.
+    """
+
+    on: float
+    off: float
+    unexplained: float
+    sums: Float64
+
+    def thresholds(self) -> list[Estimate]:
+        """Return both thresholds with the intervals of a bootstrap over tiles.
+
+        Raises
+        ------
+        TaskError
+            The changes of the light do not fit the events, or do not separate ON from OFF.
+        """
+        both = bootstrap(self.sums, solved) if np.isfinite(self.on) else []
+        if not (both and all(C.low > 0 for C in both)):
+            raise misfit()
+        return both
+
+
+def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2) -> Line:
+    """Fit both thresholds by robust regression of the light on the numbers of events.
+
+    Each block of events of a pixel has an unknown level; subtracting the block's mean removes it.
+    Huber's weights bound the effect of outliers.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+    delay_us, pole_s, poles
+        As in `Levels.light_at_events`.
+
+    Returns
+    -------
+    Line
+    """
+    y = levels.within_blocks(levels.light_at_events(delay_us, pole_s, poles))
+    a, b = levels.within_blocks(levels.on), -levels.within_blocks(levels.off)
+    products = np.stack([a * a, a * b, b * b, a * y, b * y, y * y])
+    weight = np.ones(len(y))
+    for _ in range(_PASSES):
+        C_on, C_off = solved((products * weight).sum(axis=1))
+        if not np.isfinite(C_on):
+            break
+        left = np.abs(y - C_on * a - C_off * b)
+        scale = max(1.4826 * float(np.median(left)), 1e-12)
+        weight = np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-12))
+    of_units = [np.bincount(levels.unit, product) for product in weight * products]
+    sums = np.stack(of_units, axis=1).astype(np.float64)
+    total = sums.sum(axis=0)
+    C_on, C_off = solved(total)
+    unexplained = 1 - float(C_on * total[3] + C_off * total[4]) / max(float(total[5]), 1e-300)
+    return Line(float(C_on), float(C_off), unexplained, sums)
+
+
+def solved(total: Float64) -> Float64:
+    """Solve the normal equations of `fit_line`.
+
+    Parameters
+    ----------
+    total
+        (6,) sums over all tiles.
+
+    Returns
+    -------
+    (2,) thresholds of ON and OFF; NaN if the equations are singular.
+    """
+    aa, ab, bb, ay, by = total[:5]
+    determinant = aa * bb - ab * ab
+    if not determinant > 1e-9 * aa * bb:
+        return np.full(2, np.nan)
+    return np.array([bb * ay - ab * by, aa * by - ab * ay]) / determinant
+
+
+def misfit() -> TaskError:
+    """Return the error of events from which no thresholds follow."""
+    return TaskError(
+        "thresholds: the change of the light does not match the events; frames and events must "
+        "share one clock, and the light must rise and fall"
     )

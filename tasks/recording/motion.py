@@ -12,12 +12,10 @@ from scipy import optimize
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, bootstrap
-from tasks.recording.levels import Levels
-from tasks.recording.line import best_delay_us, fit_line, misfit
+from tasks.recording.levels import HUBER, Levels, best_delay_us, fit_line, misfit
 
 Float64 = NDArray[np.float64]
 
-_HUBER = 1.345  # standard deviations
 # Shares of the filter in the delay, squared, from which searches start; they may end apart.
 _SHARES = (0.3, 0.9)
 _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
@@ -224,7 +222,7 @@ class _Fit:
             raise misfit()
         thresholds = math.log(line.on), math.log(line.off)
         at_start = self._left(np.array([start_us, 0.0, *thresholds]))
-        self._scale = _HUBER * 1.4826 * float(np.median(np.abs(at_start)))
+        self._scale = HUBER * 1.4826 * float(np.median(np.abs(at_start)))
         searches = [
             optimize.least_squares(
                 self._left,

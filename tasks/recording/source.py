@@ -17,19 +17,11 @@ from tasks.errors import TaskError
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Video
 from tasks.evaluation.source import FlowPoints, Images, Polarities, Source, Window
-from tasks.recording.flow_windows import (
-    CONTRAST_GAIN,
-    END_POINT_ERROR,
-    Sharpness,
-    Start,
-    windows_of,
-)
-from tasks.recording.frames import RecordedFrames
+from tasks.recording.flow_windows import Sharpness, Start, Tracks, track, windows_of
+from tasks.recording.frames import RecordedFrames, inside, sums
 from tasks.recording.options import FlowOptions
-from tasks.recording.pairs import inside, sums
 from tasks.recording.recording import Recording, cut
 from tasks.recording.threshold import Thresholds
-from tasks.recording.tracks import track
 from tasks.registry import TASKS
 from tasks.video import picture
 
@@ -87,24 +79,23 @@ class RecordingWindow(Source):
         return _WeightedEvents(self._frames, self.frame, self.thresholds)
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
+        reference: Tracks | Sharpness
         start = Start(self.options, self.size[0])
         if self.frames is not None:
             before, after = self.frames.light(self.frame), self.frames.light(self.frame + 1)
-            tracks = track(before, after, self.options.features)
-            metric, centers_px, value = END_POINT_ERROR, tracks.start_px, tracks.distance_px
+            reference = track(before, after, self.options.features)
         else:
             (events,) = self.stream
             during = events.between(self.window.start_us, self.window.end_us)
-            sharpness = Sharpness(self.window, during, start)
-            metric, centers_px, value = CONTRAST_GAIN, sharpness.centers_px, sharpness.value
+            reference = Sharpness(self.window, during, start)
         return FlowPoints(
-            metric=metric,
-            centers_px=centers_px,
-            initial_px=np.zeros_like(centers_px),
+            metric=reference.metric,
+            centers_px=reference.centers_px,
+            initial_px=np.zeros_like(reference.centers_px),
             sigma_px=start.sigma_px,
             sides={self.options.patch_px: [""]},
-            value=value,
-            items=range(len(centers_px)),
+            value=reference.value,
+            items=range(len(reference.centers_px)),
         )
 
     def images(self, task: Video) -> Images:

@@ -7,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.numerics.estimate import Estimate, bootstrap
+from tasks.numerics.estimate import Estimate
 from tasks.recording.frames import DARK, RecordedFrames
-from tasks.recording.levels import Levels, busiest, levels_of, light_between
-from tasks.recording.line import fit_line, misfit, solved
+from tasks.recording.levels import Levels, busiest, fit_line, levels_of, light_between
 from tasks.recording.motion import lag
-from tasks.recording.pairs import PairSums
 from tasks.recording.recording import Recording, cut
 
 _PIXELS = 0.04  # effect of thresholds that differ between pixels by 10 %, in simulations
@@ -41,9 +39,9 @@ class Thresholds(NamedTuple):
         """One threshold for both polarities."""
         return 0.5 * (self.on + self.off)
 
-    def change(self, sums: PairSums) -> NDArray[np.float64]:
-        """Return the change of log intensity of the events, (H, W)."""
-        return self.on * sums.on - self.off * sums.off
+    def change(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the change of log intensity, (H, W), of (2, H, W) sums of ON and OFF events."""
+        return self.on * sums[0] - self.off * sums[1]
 
 
 ANY_THRESHOLDS = Thresholds(0.2, 0.2)
@@ -141,9 +139,7 @@ def fit_thresholds(
         because all light rises.
     """
     line = fit_line(levels, delay_us, pole_s, poles)
-    both = bootstrap(line.sums, solved) if np.isfinite(line.on) else []
-    if not (both and all(C.low > 0 for C in both)):
-        raise misfit()
+    both = line.thresholds()
     half = fit_line(coarse, delay_us, pole_s, poles)
     C_on, C_off = (
         C.widened(_PIXELS * C.value + abs(other - C.value)).raised(line.unexplained)

@@ -7,19 +7,20 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from eres_render.errors import reading
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import clear_unfinished, make_folder, unfinished
 from tasks.errors import TaskError
 from tasks.evaluation.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
 from tasks.methods.e2vid import even_window_us
-from tasks.recording.calibration import Calibration
 from tasks.recording.options import VideoOptions
 from tasks.recording.recording import Recording
 from tasks.recording.threshold import ANY_THRESHOLDS, stored_thresholds
@@ -28,6 +29,60 @@ from tasks.video import EQUALIZATIONS, ImageTaker, picture
 
 TIMES = "timestamps.txt"
 _MAX_IMAGES = 10**6
+_NAMES = "fx fy cx cy k1 k2 p1 p2 k3 (k3 is optional; fx and fy are above 0)"
+_FARTHEST = 0.2  # distance of the principal point from the middle, in widths and heights
+
+
+class Calibration(NamedTuple):
+    """A pinhole camera with distortion, as OpenCV has it.
+
+    Parameters
+    ----------
+    K
+        (3, 3) camera matrix, px; (0, 0) is the center of the top-left pixel.
+    distortion
+        (5,) k1, k2, p1, p2 and k3.
+    """
+
+    K: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+
+
+def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
+    """Read the lens of a camera, from a file as in the RPG's event camera dataset.
+
+    Parameters
+    ----------
+    path
+        The file: one line `fx fy cx cy k1 k2 p1 p2 k3`, in pixels.
+    size
+        Width and height of the sensor, px.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    TaskError
+        The numbers are not as many, not finite or not of this sensor.
+    """
+    with reading(path, "text", TaskError):
+        text = path.read_text(encoding="utf-8", errors="replace").split()
+    try:
+        numbers = np.array([float(word) for word in text])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) not in (8, 9) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
+        raise TaskError(f"{path}: found {len(text)} words, expected the finite numbers {_NAMES}")
+    for name, center, side in zip(("cx", "cy"), numbers[2:4], size, strict=True):
+        middle = (side - 1) / 2
+        if abs(center - middle) > _FARTHEST * side:
+            sensor = f"{middle:g} px, the middle of the {size[0]}x{size[1]} sensor"
+            raise TaskError(f"{path}, {name}: found {center:g} px, expected about {sensor}")
+    fx, fy, cx, cy = numbers[:4]
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return Calibration(K, np.resize(np.append(numbers[4:], 0.0), 5))
 
 
 def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
@@ -149,7 +204,7 @@ def write_video(
             shown = picture(log_image, log_image.shape, wanted)
             codes = np.round(255 * shown).astype(np.uint8)
             if calibration is not None:
-                codes = calibration.undistorted(codes)
+                codes = np.asarray(cv2.undistort(codes, *calibration), np.uint8)
             Image.fromarray(codes).save(folder / f"{k:06}.png")
         lines = "# unit: us", *map(str, times_us), ""
         (folder / TIMES).write_text("\n".join(lines), encoding="utf-8")

@@ -10,13 +10,14 @@ the thresholds themselves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.errors import TaskError
-from tasks.recording.frames import RecordedFrames
-from tasks.recording.pairs import PairSums, events_of, inside, sums
-from tasks.recording.recording import Recording
+from tasks.recording.frames import RecordedFrames, inside, sums
+from tasks.recording.recording import Recording, cut
 from tasks.recording.threshold import Thresholds
 
 
@@ -28,7 +29,7 @@ class Explained:
         self._vector = np.zeros(2)
         self._total = 0.0
 
-    def add(self, before: NDArray, after: NDArray, between: PairSums) -> None:
+    def add(self, before: NDArray, after: NDArray, between: NDArray) -> None:
         """Add a pair of frames.
 
         Parameters
@@ -36,11 +37,11 @@ class Explained:
         before, after
             (H, W) log light of both.
         between
-            Sums of the events between.
+            (2, H, W) sums of the brighter and of the darker events between.
         """
         weight = np.exp(2 * before).ravel()
         change = (after - before).ravel()
-        columns = np.stack([between.on.ravel(), -between.off.ravel()])
+        columns = np.stack([between[0].ravel(), -between[1].ravel()])
         weighted = columns * weight
         self._matrix += weighted @ columns.T
         self._vector += weighted @ change
@@ -56,6 +57,35 @@ class Explained:
         worth = np.linalg.solve(self._matrix, self._vector)
         unexplained = 1 - float(self._vector @ worth) / self._total
         return Thresholds(float(worth[0]), float(worth[1])), unexplained
+
+
+def solve_pairs(
+    recording: Recording, frames: RecordedFrames, pairs: Sequence[int], shifts_us: Sequence[int]
+) -> list[tuple[Thresholds, float] | None]:
+    """Solve the normal equations of some pairs of frames, for each of some shifts of the frames.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames; only one pair of frames and its events are in memory at a time.
+    pairs
+        Indices of the first frames of the pairs, ascending.
+    shifts_us
+        Added to the times of the frames, microseconds.
+
+    Returns
+    -------
+    As `Explained.solve`, for each shift.
+    """
+    fits = [Explained() for _ in shifts_us]
+    earliest_us, latest_us = min(shifts_us), max(shifts_us)
+    starts_us, ends_us = frames.start_us + earliest_us, frames.end_us + latest_us
+    windows = [(int(starts_us[k]), int(ends_us[k + 1])) for k in pairs]
+    for k, events in zip(pairs, cut(recording.parts(), windows), strict=True):
+        before, after = frames.log_light(k), frames.log_light(k + 1)
+        for shift_us, fit in zip(shifts_us, fits, strict=True):
+            fit.add(before, after, sums(events, frames, k, shift_us))
+    return [fit.solve() for fit in fits]
 
 
 def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thresholds, float]:
@@ -76,11 +106,7 @@ def worth_of_events(recording: Recording, frames: RecordedFrames) -> tuple[Thres
     TaskError
         The events do not explain the change of the frames.
     """
-    pairs = inside(recording, frames)
-    fit = Explained()
-    for k, events in zip(pairs, events_of(recording, frames, pairs), strict=True):
-        fit.add(frames.log_light(k), frames.log_light(k + 1), sums(events, frames, k))
-    solution = fit.solve()
+    (solution,) = solve_pairs(recording, frames, inside(recording, frames), [0])
     if solution is None or min(solution[0]) <= 0:
         worth = "undetermined" if solution is None else "ON {:.3g}, OFF {:.3g}".format(*solution[0])
         best = f"{recording.path}: the thresholds fitted to the frames are {worth}"

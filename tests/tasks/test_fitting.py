@@ -20,18 +20,15 @@ from sensor.cameras import EventCamera, find_camera, plain_camera, read_camera, 
 from sensor.events import concatenate
 from sensor.formats import Triggers, read_events, write_events
 from tasks.errors import TaskError
-from tasks.fitting.check import compare
+from tasks.fitting.check import compare, parts_of
 from tasks.fitting.fit import Evidence, Found
 from tasks.fitting.fit import fit as fit_recording
-from tasks.fitting.parts import parts_of
-from tasks.fitting.response import fit_response
-from tasks.fitting.steps import read_steps
+from tasks.fitting.response import fit_response, read_steps
 from tasks.fitting.stillness import Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.numerics.estimate import Estimate, bootstrap, poisson_rate, share
 from tasks.recording.frames import open_frames
-from tasks.recording.levels import Levels, busiest, levels_of
-from tasks.recording.line import best_delay_us, fit_line, solved
+from tasks.recording.levels import Levels, best_delay_us, busiest, fit_line, levels_of, solved
 from tasks.recording.motion import fit_motion, lag
 from tasks.recording.threshold import fit_thresholds
 
