@@ -24,11 +24,9 @@ from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
-from tasks.study.results.asked import MetersPerSecond, lux_of
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, MetersPerSecond, Series, lux_of
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.exponents import designs_of, width_in_design
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.photoreceptors import leads
 from tasks.study.results.words import (

@@ -17,9 +17,8 @@ from tasks.study.claims.judge import CLAIMS, claims_of, judge_all, judge_reading
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.intervals import Interval, estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
 

@@ -20,7 +20,7 @@ from tasks.study.claims.verdict import Status
 from tasks.study.config import Simulate, Study
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.photoreceptors import leads
-from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
+from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.run.jobs import Job, jobs_of
 
 GAIN_DB = 2.0
@@ -95,7 +95,7 @@ def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> 
     for thresholds in found.values():
         assert [one.contrast_threshold for one in thresholds] == [0.2, 0.4]
         assert all((304, "atis") in one.sensors(EI) for one in thresholds)
-    (alone,) = by_threshold(own)
+    (alone,) = by_photoreceptor(own)["v2e"]
     assert (alone.contrast_threshold, alone.photoreceptor) == (0.13, "v2e")
 
 

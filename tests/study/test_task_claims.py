@@ -11,10 +11,10 @@ import pytest
 from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows, verdict
 from tasks.row import Row
 from tasks.study.claims.verdict import Status
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.cells import Cell
 from tasks.study.results.intervals import estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import ideal_success, judged_series, shown_series
 from tasks.study.results.scores import Scores
 

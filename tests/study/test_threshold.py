@@ -21,11 +21,11 @@ from tasks.study.report.plot import Plot
 from tasks.study.report.sections.threshold import compare_thresholds
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
+from tasks.study.results.asked import Series
 from tasks.study.results.comparison import comparison_table
-from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.run_files import scores_of_run
-from tasks.study.results.scores import Scores, by_threshold
+from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
@@ -61,6 +61,10 @@ def run_of(folder: Path, rows: list[Row]) -> Path:
     for name in ("environment.json", "study.json"):
         (folder / name).write_text(json.dumps({}))
     return folder
+
+
+def by_threshold(rows: list[Row]) -> list[Scores]:
+    return by_photoreceptor(rows)["two_pole"]
 
 
 def text_of(page: str) -> str:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.intervals import lead_over
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, base_speed

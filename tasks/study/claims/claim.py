@@ -21,8 +21,8 @@ from tasks.study.claims.numbers import (
 )
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
+from tasks.study.results.asked import Series
 from tasks.study.results.intervals import TAILS, widening
-from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores
 from tasks.study.results.words import join_words

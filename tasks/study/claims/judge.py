@@ -12,7 +12,6 @@ from typing import Any
 from tasks.row import Row
 from tasks.study.claims.baseline import BEATS_DOING_NOTHING
 from tasks.study.claims.claim import Claim
-from tasks.study.claims.dense_flow import DENSE_FLOW_CLAIMS
 from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
@@ -28,7 +27,6 @@ CLAIMS: tuple[Claim, ...] = (
     *SCALING_CLAIMS,
     *RECONSTRUCTION_CLAIMS,
     *FLOW_CLAIMS,
-    *DENSE_FLOW_CLAIMS,
     *TRACKING_CLAIMS,
     ON_THE_SLIDER,
     *TRAINING_CLAIMS,

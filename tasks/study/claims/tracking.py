@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import IDEAL, NIGHT, growth, lead
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series
 from tasks.study.results.perturbation import (
     REQUIRED_SUCCESS,
     TRACKING,

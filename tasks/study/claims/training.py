@@ -17,7 +17,7 @@ from tasks.study.claims.numbers import (
 )
 from tasks.study.claims.reconstruction import ONE_VIDEO
 from tasks.study.claims.statistics import IDEAL, NIGHT, Statistic, lead, median
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series
 
 _OTHER_NIGHTS_HZ = 100.0, 20.0  # the second is slower than anything in training
 _NOTE = (

@@ -16,14 +16,13 @@ from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
-from tasks.study.results.asked import InLight, SensorId, light_of, sensor_of
-from tasks.study.results.bandwidth import usual_bus_hz
+from tasks.study.results.asked import SensorId, Series, light_of, sensor_of
+from tasks.study.results.choice import usual_bus_hz
 from tasks.study.results.exponents import exponents_text
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.run_files import read_config, scores_of_run
-from tasks.study.results.scaling import Scaling, read_scaling
+from tasks.study.results.scaling import Intervals, Scaling, read_scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
@@ -145,11 +144,10 @@ class FinishedRun:
             pictures[entry.scene].append(entry)
         return pictures
 
-    def _light_of(self, entry: InLight) -> float:
+    def _light_of(self, entry: Preview | Intervals) -> float:
         """Return the light of a picture or a histogram, as in `Condition`."""
-        if entry.illuminance_lux:
-            return light_of(entry)
-        return self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
+        cutoff_hz = self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
+        return light_of(cutoff_hz, entry.illuminance_lux)
 
     @cached_property
     def _lights(self) -> dict[str, float]:

@@ -71,7 +71,7 @@ def _csv_line(
         *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),
         *(len(cell.values), cell.expected),
         *texts[:4],
-        int(entry.best),
+        int("bold" in entry.marks.get("ours", "")),
         *texts[4:6],
         "" if entry.beats_nothing is None else int(entry.beats_nothing),
         texts[6],

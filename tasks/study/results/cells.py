@@ -105,9 +105,9 @@ class Cell:
         return self.resampled_of(self.values)
 
     @cached_property
-    def resampled_rates_hz(self) -> NDArray[np.float64]:
-        """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
-        return self.resampled_of(self.event_rates_hz)
+    def rates(self) -> Cell:
+        """The event rates of the whole sensor, events per second, in place of the scores."""
+        return replace(self, values=self.event_rates_hz)
 
     def resampled_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return medians of bootstrap draws of values in the order of the cell's, (draws,)."""

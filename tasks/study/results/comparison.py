@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from tasks.registry import TASKS
-from tasks.study.results.asked import SensorId
-from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.choice import known, pick
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, SensorId, Series
+from tasks.study.results.cells import Cell
+from tasks.study.results.choice import Pick, pick
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
@@ -21,15 +20,22 @@ _NATIVE, _RATE = "native px", "M/s"  # heads of columns
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Our median and the paper's in one place of a table."""
+    """Our median and the paper's in one place of a table.
+
+    Attributes
+    ----------
+    marks
+        How the columns "ours" and "paper" are printed: "bold" for the best of the sensors,
+        "underline" for the smallest that is enough, as in `Pick`, and "strike" if doing nothing is
+        as good. The first two are missing if a sensor is.
+    beats_nothing
+        None if either is missing.
+    """
 
     cell: Cell
-    paper: float | None
-    best: bool = False  # of the sensors in this column; False if one is missing
-    paper_best: bool = False
-    enough: bool = False  # smallest as good as the best, as in `Pick`; False if none is worthwhile
-    paper_enough: bool = False
-    beats_nothing: bool | None = None  # None if either is missing
+    paper: float | None = None
+    marks: Mapping[str, str] = field(default_factory=dict)
+    beats_nothing: bool | None = None
 
     @property
     def difference(self) -> float | None:
@@ -47,7 +53,7 @@ class Line:
     """
 
     sensor: SensorId | None
-    entries: tuple[Entry, ...]
+    entries: Sequence[Entry]
     contrast_threshold: float  # a camera may have its own
     nothing: bool = False
 
@@ -161,60 +167,39 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    sensors = scores.sensors(series, scene)
-    columns, nothings = [], []
+    sensors, metric = scores.sensors(series, scene), TASKS[series.task].metric
+    ours: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
+    idle: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     for cutoff_hz in cutoffs_hz:
         places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
         cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
         nothing = {sensor: scores.baseline(series, at) for sensor, at in places.items()}
         paper = {sensor: scores.published(series, at) for sensor, at in places.items()}
-        idle = known({sensor: cell.median for sensor, cell in nothing.items()})
-        best, enough = _picked({s: cell.median for s, cell in cells.items()}, idle, series)
-        paper_best, paper_enough = _picked(paper, {}, series)
-        columns.append(
-            [
-                Entry(
-                    cell=cells[sensor],
-                    paper=paper[sensor],
-                    best=sensor == best,
-                    paper_best=sensor == paper_best,
-                    enough=sensor == enough,
-                    paper_enough=sensor == paper_enough,
-                    beats_nothing=beats(cells[sensor], nothing[sensor], series),
-                )
-                for sensor in sensors
-            ]
-        )
-        nothings.append([Entry(cell, None) for cell in nothing.values()])
-
-    def line_of(i: int, columns: list[list[Entry]], nothing: bool) -> Line:
-        entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[sensors[i]]
-        return Line(sensors[i], entries, threshold, nothing)
-
-    lines = [line_of(i, columns, nothing=False) for i in range(len(sensors))]
-    if all(_same([entry.cell.median for entry in column]) for column in nothings):
-        of_all = tuple(column[0] for column in nothings)
-        idle_lines = [Line(None, of_all, scores.contrast_threshold, nothing=True)]
-    else:
-        idle_lines = [line_of(i, nothings, nothing=True) for i in range(len(sensors))]
+        medians, idle_medians = ({s: c.median for s, c in of.items()} for of in (cells, nothing))
+        picked, papers = pick(medians, idle_medians, metric), pick(paper, {}, metric)
+        for s in sensors:
+            beaten = beats(cells[s], nothing[s], series)
+            marks = {"ours": _marks(s, picked, beaten is False), "paper": _marks(s, papers)}
+            ours[s].append(Entry(cells[s], paper[s], marks, beaten))
+            idle[s].append(Entry(nothing[s]))
+    of_each = scores.contrast_thresholds
+    lines = [Line(s, entries, of_each[s]) for s, entries in ours.items()]
+    idle_lines = [Line(s, entries, of_each[s], nothing=True) for s, entries in idle.items()]
+    if all(map(_same, zip(*idle.values(), strict=True))):
+        idle_lines = [Line(None, idle[sensors[0]], scores.contrast_threshold, nothing=True)]
     return Block(scene, speed, (*lines, *idle_lines))
 
 
-def _same(values: list[float | None]) -> bool:
-    numbers = [value for value in values if value is not None]
+def _same(entries: Sequence[Entry]) -> bool:
+    numbers = [entry.cell.median for entry in entries if entry.cell.median is not None]
     close = all(math.isclose(value, numbers[0], rel_tol=1e-6) for value in numbers)
-    return close and len(numbers) in (0, len(values))
+    return close and len(numbers) in (0, len(entries))
 
 
-def _picked(
-    values: Mapping[SensorId, float | None], nothing: Mapping[SensorId, float], series: Series
-) -> tuple[SensorId | None, SensorId | None]:
-    """Return the best sensor and the smallest that is enough; None if a value is missing."""
-    medians = known(values)
-    if len(medians) < len(values):
-        return None, None
-    picked = pick(medians, nothing, TASKS[series.task].metric)
-    return picked.best, picked.enough if picked.worthwhile else None
+def _marks(sensor: SensorId, picked: Pick | None, idle: bool = False) -> str:
+    best = picked is not None and sensor == picked.best
+    enough = picked is not None and picked.worthwhile and sensor == picked.enough
+    return " ".join(["bold"] * best + ["underline"] * enough + ["strike"] * idle)
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:

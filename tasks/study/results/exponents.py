@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tasks.study.results.asked import SensorId
+from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.choice import Choice, choose_all
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import BaseSpeeds, cutoff_label, join_words, speed_label
 from tasks.study.sensors import AREA

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.results.asked import SensorId
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, SensorId, Series
 from tasks.study.results.choice import Choice, choose
 from tasks.study.results.intervals import Interval, lead_over
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
 

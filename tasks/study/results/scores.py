@@ -9,8 +9,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
-from functools import cache
-from typing import Any, TypeVar
+from functools import cache, partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,9 +18,15 @@ from eres_render.scene.scene import name_and_seed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
-from tasks.study.results.asked import MetersPerSecond, SensorId, light_of, sensor_of, speed_of
-from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import (
+    Condition,
+    MetersPerSecond,
+    SensorId,
+    Series,
+    light_of,
+    sensor_of,
+)
+from tasks.study.results.cells import Cell
 from tasks.study.results.paper import (
     CONTRAST_THRESHOLD,
     CUTOFFS_HZ,
@@ -40,25 +46,12 @@ def by_photoreceptor(
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
     """
     groups = _divided(rows, lambda row: row.reading)
-    return {
-        name: by_threshold(groups[name], square=square, trainings=trainings, photoreceptor=name)
-        for name in sorted(groups, key=lambda name: name != "two_pole")
-    }
-
-
-def by_threshold(
-    rows: Iterable[Row],
-    *,
-    square: bool = True,
-    trainings: int = 1,
-    photoreceptor: str | None = None,
-) -> list[Scores]:
-    """Return the scores of each contrast threshold of one photoreceptor."""
-    settings: dict[str, Any] = {"square": square, "trainings": trainings}
-    return [
-        Scores(group, **settings, contrast_threshold=threshold, photoreceptor=photoreceptor)
-        for threshold, group in _divided(rows, lambda row: row.contrast_threshold).items()
-    ]
+    found = {}
+    for name in sorted(groups, key=lambda name: name != "two_pole"):
+        scores = partial(Scores, square=square, trainings=trainings, photoreceptor=name)
+        thresholds = _divided(groups[name], lambda row: row.contrast_threshold)
+        found[name] = [scores(of_one, contrast_threshold=C) for C, of_one in thresholds.items()]
+    return found
 
 
 def _divided(rows: Iterable[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -142,8 +135,7 @@ class Scores:
         plain = square and not self.buses_hz and lights <= {*CUTOFFS_HZ}
         self.asks_as_paper = plain and self.contrast_thresholds.keys() <= {*map(SensorId, WIDTHS)}
         self._expected = self._expected_items()
-        self._cells: dict[tuple[Series, Condition], Cell] = {}
-        self._baselines: dict[tuple[Series, Condition], Cell] = {}
+        self._cells: dict[tuple[Series, Condition, bool], Cell] = {}
 
     def _expected_items(self) -> dict[tuple[Series, str], list[_Item]]:
         """Return every item that a complete cell of a series has on a scene."""
@@ -188,11 +180,12 @@ class Scores:
         """Return the conditions of a series, on one scene or on all, in the order of the rows."""
         return [at for at in self._rows.get(series, ()) if scene is None or at.scene == scene]
 
-    def cell(self, series: Series, condition: Condition) -> Cell:
-        """Return one cell."""
-        key = series, condition
+    def cell(self, series: Series, condition: Condition, *, nothing: bool = False) -> Cell:
+        """Return one cell, or with `nothing` that of doing nothing, over the same samples."""
+        key = series, condition, nothing
         if key not in self._cells:
-            rows = self._rows.get(series, {}).get(condition, {})
+            answers = self._rows.get(series, {}).get(condition, {})
+            rows = self._nothing(series, condition) if nothing else answers
             self._cells[key] = self._cell_of(rows, series, condition.scene)
         return self._cells[key]
 
@@ -206,11 +199,7 @@ class Scores:
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`."""
-        key = series, condition
-        if key not in self._baselines:
-            rows = self._nothing(series, condition)
-            self._baselines[key] = self._cell_of(rows, series, condition.scene)
-        return self._baselines[key]
+        return self.cell(series, condition, nothing=True)
 
     def published(self, series: Series, condition: Condition) -> float | None:
         """Return the paper's score under a condition.
@@ -282,7 +271,9 @@ def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
     for row in rows:
         key = (row.task, row.method, row.metric, row.variant)
         scene, seed = named(row.scene)
-        where = (scene, row.width, light_of(row), speed_of(row), row.sensor)
+        light = light_of(row.cutoff_hz, row.illuminance_lux)
+        speed = MetersPerSecond(row.speed_m_s) if row.speed_m_s else row.speed
+        where = (scene, row.width, light, speed, row.sensor)
         values = of_cell.get(key + where)
         if values is None:
             _check_known(row)

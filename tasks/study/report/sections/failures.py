@@ -7,9 +7,7 @@ import numpy as np
 from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
-from tasks.study.results.asked import SensorId
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, SensorId, Series
 from tasks.study.results.perturbation import TRACKING, sweep
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import MISSING, share_text

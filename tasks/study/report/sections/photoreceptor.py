@@ -6,8 +6,8 @@ from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
+from tasks.study.results.asked import Series
 from tasks.study.results.choice import Choice
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.photoreceptors import Lead, leads
 from tasks.study.results.words import (

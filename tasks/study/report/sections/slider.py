@@ -7,24 +7,20 @@ from collections.abc import Mapping, Sequence
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Rows, Table, Text, score_text
-from tasks.study.results.asked import MetersPerSecond, SensorId
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
-from tasks.study.results.paper_slider import (
-    NOTHING_MM,
-    SIZES_PX,
-    SPEEDS_M_PER_S,
-    slider_scores,
-    worse_than_nothing,
-)
+from tasks.study.results.asked import Condition, MetersPerSecond, SensorId, Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
     BASE_SPEED_M_PER_S,
     FIELD_PX,
+    NOTHING_MM,
     PRINTS,
+    SIZES_PX,
+    SPEEDS_M_PER_S,
     distance_label,
     is_of_slider,
     light_label,
+    slider_scores,
+    worse_than_nothing,
 )
 from tasks.study.results.words import MISSING
 
@@ -48,7 +44,7 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
     scores = run.scores
     pairs = [
         (series, paper)
-        for task_method, paper in _paper().items()
+        for task_method, paper in slider_scores().items()
         for series in _series(scores, *task_method)
     ]
     if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
@@ -59,15 +55,6 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
         "worse_than_nothing": worse_than_nothing(SPEEDS_M_PER_S[-1]),
         "nothing_mm": NOTHING_MM,
     }
-
-
-def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
-    """Return the paper's scores by task and method, then by print and speed, from far to near."""
-    methods: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
-    for score in slider_scores():
-        of_method = methods.setdefault((score.task, score.method), {})
-        of_method.setdefault((score.picture, score.speed_m_per_s), []).append(score.value)
-    return methods
 
 
 def _series(scores: Scores, task: str, method: str) -> list[Series]:

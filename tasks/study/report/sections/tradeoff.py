@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from tasks.registry import TASKS
 from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import cutoff_text
-from tasks.study.results.asked import sensor_of
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series, sensor_of
 from tasks.study.results.intervals import estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import (
     PACKAGED,
