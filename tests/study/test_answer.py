@@ -23,7 +23,7 @@ from tasks.row import Row, write_rows
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.results.asked import Series
-from tasks.study.results.bootstrap import effective_samples
+from tasks.study.results.cells import effective_samples
 from tasks.study.results.choice import Choices, answered, choose_all
 from tasks.study.results.scores import Scores
 

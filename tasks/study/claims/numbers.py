@@ -270,7 +270,9 @@ class Best(NamedTuple):
         return NumberText(f"{MedianOf(width, *self)(on).text} at {width} px")
 
 
-def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity]:
+def best_and_lead(
+    widths: Sequence[int], cutoff_hz: float, best: str = "best", ahead: str = "lead"
+) -> dict[str, Quantity]:
     """Return the numbers of a claim that one of some widths is best in a light, at base speed.
 
     Parameters
@@ -279,5 +281,7 @@ def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity
         The widths, px.
     cutoff_hz
         Photoreceptor cutoff, Hz.
+    best, ahead
+        Names of the numbers.
     """
-    return {"best": Best(cutoff_hz), "lead": Number(lead(widths, cutoff_hz), above=0)}
+    return {best: Best(cutoff_hz), ahead: Number(lead(widths, cutoff_hz), above=0)}

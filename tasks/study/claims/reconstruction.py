@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from functools import partial
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
+from tasks.study.claims.numbers import MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
     NIGHT,
     event_rate,
     largest,
-    lead,
     margin,
     median,
     slope,
@@ -61,10 +60,8 @@ def _fine_then_coarse(
         series=series,
         scenes=("carpet",),
         numbers={
-            "ideal": Best(IDEAL),
-            "ideal_lead": Number(lead([1280], IDEAL), above=0),
-            "night": Best(NIGHT),
-            "night_lead": Number(lead([240], NIGHT), above=0),
+            **best_and_lead([1280], IDEAL, "ideal", "ideal_lead"),
+            **best_and_lead([240], NIGHT, "night", "night_lead"),
         },
         text="ideal: best {ideal}, lead of 1280 px {ideal_lead}; night: best {night}, lead of 240 "
         "px {night_lead}",

@@ -86,8 +86,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         "speed 2.",
         scenes=("carpet",),
         numbers={
-            "slow": Best(NIGHT),
-            "slow_lead": Number(lead([1280], NIGHT), above=0),
+            **best_and_lead([1280], NIGHT, "slow", "slow_lead"),
             "fast": Best(NIGHT, 2.0),
             "fast_lead": Number(lead([1280], NIGHT, 2.0), below=0),
         },

@@ -7,12 +7,12 @@ from contextlib import suppress
 
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import (
-    Best,
     NotMeasured,
     Number,
     NumberText,
     Quantity,
     SceneScores,
+    best_and_lead,
     estimated,
 )
 from tasks.study.claims.reconstruction import ONE_VIDEO
@@ -29,8 +29,7 @@ _NOTE = (
 def _overcomes(title: str, statement: str, series: Series, twin: str, note: str) -> SceneClaim:
     """Return the claim about a network and its twin."""
     numbers: dict[str, Quantity] = {
-        "best": Best(NIGHT),
-        "lead": Number(lead([1280], NIGHT), above=0),
+        **best_and_lead([1280], NIGHT),
         "fast": Number(lead([1280], NIGHT, 2.0)),
         "twin": Number(lead([1280], NIGHT, method=twin)),
         "gain": Number(_over_twin(twin, NIGHT), above=0),

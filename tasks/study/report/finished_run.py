@@ -17,8 +17,7 @@ from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.asked import SensorId, Series, light_of, sensor_of
-from tasks.study.results.choice import usual_bus_hz
-from tasks.study.results.exponents import exponents_text
+from tasks.study.results.choice import exponents_text, usual_bus_hz
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.run_files import read_config, scores_of_run
@@ -47,6 +46,12 @@ class FinishedRun:
     def scores(self) -> Scores:
         """Return the scores of the first contrast threshold."""
         return self.found[0]
+
+    @property
+    def readings(self) -> dict[str, Scores]:
+        """Return the scores at the first threshold by photoreceptor, that of the page first."""
+        every = {self.scores.photoreceptor: self.found, **self.others}
+        return {name: scores[0] for name, scores in every.items()}
 
     @cached_property
     def series(self) -> list[Series]:
@@ -163,8 +168,7 @@ class FinishedRun:
     @cached_property
     def verdicts_by_photoreceptor(self) -> dict[str, list[Verdict]]:
         """Return the verdicts with each photoreceptor, that of the page first."""
-        readings = {self.scores.photoreceptor: self.found, **self.others}
-        return judge_readings(self.config, readings, self.scaling)
+        return judge_readings(self.config, self.readings, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
         """Read a PNG or WebP file of the run as a data URL.

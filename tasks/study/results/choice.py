@@ -1,9 +1,13 @@
-"""Choose a sensor for a condition, from the scores of a run."""
+"""Choose a sensor for a condition, from the scores of a run.
+
+A study can have designs, which differ in the exponent of the area in a cutoff: names of their
+sensors end with it, as in "gen4 area^0.5".
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from sensor.cameras import camera_names, find_camera
@@ -13,6 +17,10 @@ from tasks.study.results.asked import Condition, MetersPerSecond, SensorId, Seri
 from tasks.study.results.cells import Cell
 from tasks.study.results.intervals import lead_over
 from tasks.study.results.scores import Scores
+from tasks.study.results.words import BaseSpeeds, cutoff_label, join_words, speed_label
+from tasks.study.sensors import AREA
+
+_MOST_TOLD = 6  # conditions in which the choices differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,3 +175,48 @@ def answered(choices: Choices) -> list[tuple[float, float]]:
     slowest = min(speed for _, speed in common)
     lights = sorted((at for at in common if at[1] == slowest), reverse=True)
     return list(dict.fromkeys([*lights, min(common, key=lambda at: (at[0], -at[1]))]))
+
+
+def designs_of(sensors: Iterable[SensorId]) -> dict[str, list[SensorId]]:
+    """Return for each design, such as "area^0.5", the sensors of the others; a sensor without an
+    exponent in its name is in all. Empty if there are fewer than two."""
+    own = {sensor: sensor.name.partition(f" {AREA}")[2] for sensor in sensors}
+    names = sorted({*own.values()} - {""})
+    others = {AREA + name: [s for s, of in own.items() if of not in ("", name)] for name in names}
+    return others if len(names) > 1 else {}
+
+
+def width_in_design(sensor: SensorId) -> str:
+    """Return the name of a sensor without its design, or its width."""
+    return str(sensor).partition(f" {AREA}")[0]
+
+
+def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -> list[str]:
+    """Say for each series in how many conditions the choice is the same for all designs."""
+    lines = []
+    for each in series:
+        designs = designs_of(scores.sensors(each))
+        if not designs:
+            continue
+        at = {name: choose_all(scores, each, others) for name, others in designs.items()}
+        first = next(iter(at.values()))
+        names_at = {where: [_name(chosen[where]) for chosen in at.values()] for where in first}
+        differing = {where: names for where, names in names_at.items() if len({*names}) > 1}
+        text = (
+            f"{each.title}: with {'; '.join(designs)}, the choice is the same in "
+            f"{len(names_at) - len(differing)} of {len(names_at)} conditions"
+        )
+        if len(differing) > _MOST_TOLD:
+            lines.append(f"{text}; the report shows all.")
+            continue
+        for (scene, cutoff_hz, speed), names in differing.items():
+            chosen = [f"{name} with {design}" for name, design in zip(names, at, strict=True)]
+            place = f"{scene}, {cutoff_label(cutoff_hz)}, {speed_label(scene, speed, base)}"
+            text += f"; {place}: {join_words(chosen)}"
+        lines.append(f"{text}.")
+    return lines
+
+
+def _name(choice: Choice | None) -> str:
+    """Return the chosen sensor without its design."""
+    return "none" if choice is None or not choice.worthwhile else width_in_design(choice.enough)

@@ -15,8 +15,6 @@ from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
 from tasks.study.results.words import MISSING, capitalized, rate_label, share_text
 
-_NATIVE, _RATE = "native px", "M/s"  # heads of columns
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -74,6 +72,7 @@ class Column:
     head: str
     kind: str  # "ours", "paper", "difference" or "rate"
     text: Callable[[Series, Entry, Line], str]
+    meaning: str = ""  # for the footnote
     in_terminal: bool = True  # a terminal of 80 columns lacks room for all columns
 
 
@@ -106,14 +105,10 @@ class ComparisonTable:
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {threshold:g}; "
-        share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
-        meanings = {_NATIVE: "pixels of the sensor", _RATE: "million events per second"}
-        if share is not None:
-            meanings[share.head] = share.meaning
-        heads = [column.head for column in columns]
-        notes = "".join(f"{head}: {meanings[head]}; " for head in heads if head in meanings)
+        notes = "".join(f"{one.head}: {one.meaning}; " for one in columns if one.meaning)
+        near = TASKS[self.series.task].metric.near
         return (
-            f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
+            f"{paper}bold: best of the column; underlined: the smallest within {near} of "
             f"it; struck out: no better than doing nothing; {notes}"
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )
@@ -127,10 +122,10 @@ class ComparisonTable:
             columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
             columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
         if TASKS[self.series.task].metric.reference_width_px is not None:
-            columns.append(Column(_NATIVE, "rate", _native, in_terminal=False))
+            columns += [Column("native px", "rate", _native, "pixels of the sensor", False)]
         if share is not None:
-            columns.append(Column(share.head, "rate", _share))
-        return [*columns, Column(_RATE, "rate", _rate, in_terminal=share is None)]
+            columns += [Column(share.head, "rate", _share, share.meaning)]
+        return [*columns, Column("M/s", "rate", _rate, "million events per second", share is None)]
 
 
 def main_tables(scores: Scores) -> list[ComparisonTable]:

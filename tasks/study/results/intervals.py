@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
-from tasks.study.results.bootstrap import effective_samples
-from tasks.study.results.cells import Cell
+from tasks.study.results.cells import Cell, effective_samples
 
 TAILS = (0.025, 0.025)
 """Shares of the bootstrap draws below and above a 95 % interval."""

@@ -134,20 +134,19 @@ class Scores:
         lights = {where.cutoff_hz for conditions in self._rows.values() for where in conditions}
         plain = square and not self.buses_hz and lights <= {*CUTOFFS_HZ}
         self.asks_as_paper = plain and self.contrast_thresholds.keys() <= {*map(SensorId, WIDTHS)}
-        self._expected = self._expected_items()
-        self._cells: dict[tuple[Series, Condition, bool], Cell] = {}
+        self._expected, self._cell = cache(self._expected_items), cache(self._cell_of)
 
-    def _expected_items(self) -> dict[tuple[Series, str], list[_Item]]:
+    def _expected_items(self, series: Series, scene: str) -> list[_Item]:
         """Return every item that a complete cell of a series has on a scene."""
-        expected: dict[tuple[Series, str], set[_Item]] = {}
-        for series, conditions in self._rows.items():
-            for condition, values in conditions.items():
-                expected.setdefault((series, condition.scene), set()).update(
-                    (seed, sample, item // self._trainings * self._trainings + training)
-                    for seed, sample, item in values
-                    for training in range(self._trainings)
-                )
-        return {key: sorted(items) for key, items in expected.items()}
+        found = {item for at in self.conditions(series, scene) for item in self._rows[series][at]}
+        trainings = self._trainings
+        return sorted(
+            {
+                (seed, sample, item // trainings * trainings + training)
+                for seed, sample, item in found
+                for training in range(trainings)
+            }
+        )
 
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
@@ -180,26 +179,21 @@ class Scores:
         """Return the conditions of a series, on one scene or on all, in the order of the rows."""
         return [at for at in self._rows.get(series, ()) if scene is None or at.scene == scene]
 
-    def cell(self, series: Series, condition: Condition, *, nothing: bool = False) -> Cell:
-        """Return one cell, or with `nothing` that of doing nothing, over the same samples."""
-        key = series, condition, nothing
-        if key not in self._cells:
-            answers = self._rows.get(series, {}).get(condition, {})
-            rows = self._nothing(series, condition) if nothing else answers
-            self._cells[key] = self._cell_of(rows, series, condition.scene)
-        return self._cells[key]
+    def cell(self, series: Series, condition: Condition) -> Cell:
+        """Return one cell."""
+        return self._cell(series, condition, False)
 
     def samples(self, series: Series, scene: str) -> int:
         """Return how many samples a complete cell has."""
-        return len({item[:2] for item in self._expected.get((series, scene), ())})
+        return len({item[:2] for item in self._expected(series, scene)})
 
     def seeds(self, series: Series, scene: str) -> int:
         """Return how many seeds of a scene a complete cell has."""
-        return len({seed for seed, *_ in self._expected.get((series, scene), ())})
+        return len({seed for seed, *_ in self._expected(series, scene)})
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`."""
-        return self.cell(series, condition, nothing=True)
+        return self._cell(series, condition, True)
 
     def published(self, series: Series, condition: Condition) -> float | None:
         """Return the paper's score under a condition.
@@ -240,15 +234,17 @@ class Scores:
                     return values
         return {}
 
-    def _cell_of(self, rows: _Values, series: Series, scene: str) -> Cell:
-        expected = self._expected.get((series, scene), [])
+    def _cell_of(self, series: Series, condition: Condition, nothing: bool) -> Cell:
+        answers = self._rows.get(series, {}).get(condition, {})
+        rows = self._nothing(series, condition) if nothing else answers
+        expected = self._expected(series, condition.scene)
         keys = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
         finite = [rows[key] for key in keys]
         index = {at: i for i, at in enumerate(sorted({key[:2] for key in keys}))}
         # Joined runs repeat methods without weights; only networks differ between trainings.
         trainings = self._trainings if series.method in TASKS[series.task].networks else 1
         return Cell(
-            scene=scene,
+            scene=condition.scene,
             values=np.array([row.value for row in finite], dtype=np.float64),
             event_rates_hz=np.array([row.event_rate_hz for row in finite], dtype=np.float64),
             failed=np.array([row.failure != "" for row in finite], dtype=np.bool_),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
@@ -59,12 +60,10 @@ def distances_label(distances_m: Mapping[str, float]) -> str:
 
 
 def photoreceptor_label(photoreceptor: str) -> str:
-    """Name a photoreceptor, or the emulation in its place, in words."""
+    """Name a photoreceptor in words, or the program in its place, such as "v2e-A-1px"."""
     words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}
-    if photoreceptor in words:
-        return words[photoreceptor]
-    program, version, step = photoreceptor.split("-")
-    return f"{program} {version}, {step.removesuffix('px')} px a frame"
+    program = re.sub("-(.+)-(.+)px", r" \1, \2 px a frame", photoreceptor)
+    return words.get(photoreceptor, program)
 
 
 def rate_label(event_rate_hz: float | None) -> str:

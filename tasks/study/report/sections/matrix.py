@@ -11,8 +11,7 @@ from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
 from tasks.study.results.asked import SensorId, Series
-from tasks.study.results.choice import capacities_hz, choose
-from tasks.study.results.exponents import designs_of, width_in_design
+from tasks.study.results.choice import capacities_hz, choose, designs_of, width_in_design
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import (

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Rows, Table, Text, score_text
-from tasks.study.results.asked import Condition, MetersPerSecond, SensorId, Series
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
     BASE_SPEED_M_PER_S,
@@ -41,14 +41,16 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
         How many of the paper's 9 position errors at the highest speed are larger than that of its
         initial path, and the error of that path, mm.
     """
-    scores = run.scores
+    scores, papers = run.scores, slider_scores()
+    ours = [s for s in scores.series() if s[:2] in papers and _measured(scores, s)]
+    if not (ours and is_of_slider(run.config)):
+        return None
     pairs = [
         (series, paper)
-        for task_method, paper in slider_scores().items()
-        for series in _series(scores, *task_method)
+        for (task, method), paper in papers.items()
+        for series in [series for series in ours if series[:2] == (task, method)]
+        or [Series(task, method, TASKS[task].metric.name)]
     ]
-    if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
-        return None
     return {
         "wins": _wins(scores, pairs),
         "tables": {series.title: _table(scores, series, paper) for series, paper in pairs},
@@ -57,19 +59,10 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
     }
 
 
-def _series(scores: Scores, task: str, method: str) -> list[Series]:
-    """Return a method's series of all variants; one without scores if it was not run."""
-    usual = Series(task, method, TASKS[task].metric.name)
-    variants = [series for series in scores.series() if series[:2] == usual[:2]]
-    return [series for series in variants if _measured(scores, series)] or [usual]
-
-
 def _measured(scores: Scores, series: Series) -> bool:
-    of_slider = {*map(SensorId, _WIDTHS)} & {*scores.sensors(series)}
-    at_its_speeds = {*_FACTORS.values()} & {
-        round(speed, 9) for speed in scores.speeds(series) if not isinstance(speed, MetersPerSecond)
-    }
-    return bool(of_slider and at_its_speeds and set(PRINTS) & set(scores.scenes(series)))
+    places = {(name, width, v) for name in PRINTS for width in _WIDTHS for v in _FACTORS.values()}
+    found = {(at.scene, at.width, at.speed) for at in scores.conditions(series) if not at.sensor}
+    return not places.isdisjoint(found)
 
 
 def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
