@@ -17,7 +17,6 @@ from tasks.row import Row
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
-from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.slider import ON_RECORDINGS, ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.training import TRAINING_CLAIMS
@@ -89,7 +88,6 @@ def _outcome(scores: Scores, series: Series, where: Condition) -> Status:
 
 
 CLAIMS: tuple[Claim, ...] = (
-    *SCALING_CLAIMS,
     *RECONSTRUCTION_CLAIMS,
     *FLOW_CLAIMS,
     *TRACKING_CLAIMS,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -12,13 +12,7 @@ import numpy as np
 from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
-from tasks.study.claims.numbers import (
-    NotMeasured,
-    Number,
-    NumberText,
-    SceneScores,
-    corrected,
-)
+from tasks.study.claims.numbers import NotMeasured, Number, NumberText, SceneScores, corrected
 from tasks.study.claims.statistics import median
 from tasks.study.claims.verdict import Status, Verdict, status_of, status_of_any
 from tasks.study.results.asked import Series
@@ -26,7 +20,7 @@ from tasks.study.results.perturbation import TRACKING, judged_series, sweep
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
-    BASE_SPEED_M_PER_S,
+    FACTORS,
     FIELD_PX,
     NOTHING_MM,
     PAPER_SIGMA_MM,
@@ -41,7 +35,7 @@ from tasks.variants import NATIVE_PATCH, sigma_variant
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
-_FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
+_FAST = FACTORS[_FAST_M_PER_S]
 _NATIVE = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
 _PAPERS_START = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
 _UNMEASURED = Status.NOT_MEASURED
@@ -107,11 +101,7 @@ class SliderClaim(Claim):
         return self.verdict([status_of_any(outcomes)], *said, scope, intervals=intervals)
 
     def _compared(
-        self,
-        every: Iterable[SceneScores],
-        deciding: Sequence[SceneScores],
-        hz: float,
-        middle_hz: float,
+        self, every: list[SceneScores], deciding: list[SceneScores], hz: float, middle_hz: float
     ) -> tuple[list[NumberText], list[str]]:
         """Return the leads of the middle distance that decide in a light, and lines with all.
 

@@ -17,7 +17,7 @@ from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.asked import SensorId, Series, light_of, sensor_of
-from tasks.study.results.choice import exponents_text, usual_bus_hz
+from tasks.study.results.choice import usual_bus_hz
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.run_files import read_config, scores_of_run
@@ -72,11 +72,6 @@ class FinishedRun:
     def assumes(self) -> list[str]:
         """Return what the study assumes of its sensors in words; none for recordings."""
         return list(self.config.get("assumes", []))
-
-    @property
-    def exponents(self) -> list[str]:
-        """Return in words whether the choice hangs on the exponent of the photodiode's area."""
-        return exponents_text(self.scores, self.firsts, self.base_speeds)
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:

@@ -27,6 +27,10 @@ class SensorId(NamedTuple):
         """Name of the sensor, or its width with the unit."""
         return self.name or f"{self.width} px"
 
+    def at(self, scene: str, cutoff_hz: float, speed: float) -> Condition:
+        """Return the condition of the sensor on a scene, in a light at a speed."""
+        return Condition(scene, self.width, cutoff_hz, speed, self.name)
+
 
 class OfSensor(Protocol):
     """What has the width of a sensor, px, and its name."""

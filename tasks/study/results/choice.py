@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from sensor.cameras import camera_names, find_camera
 from tasks.metric import Metric
 from tasks.registry import TASKS
-from tasks.study.results.asked import Condition, MetersPerSecond, SensorId, Series
-from tasks.study.results.cells import Cell
+from tasks.study.results.asked import MetersPerSecond, SensorId, Series
 from tasks.study.results.intervals import lead_over
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import BaseSpeeds, cutoff_label, join_words, speed_label
+from tasks.study.results.words import BaseSpeeds, join_words, setting_label
 from tasks.study.sensors import AREA
 
 _MOST_TOLD = 6  # conditions in which the choices differ
@@ -99,7 +98,7 @@ def choose(
     """
     metric = TASKS[series.task].metric
     sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
-    places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+    places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}
     cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
     medians = {sensor: cell.median for sensor, cell in cells.items()}
     nothing = {sensor: scores.baseline(series, at).median for sensor, at in places.items()}
@@ -114,7 +113,8 @@ def choose(
         on_buses[capacity_hz] = on_bus.enough if on_bus and on_bus.worthwhile else None
     best = cells[picked.best]
     smaller = [s for s in cells if s.width < picked.enough.width and s in picked.gaining]
-    tied = next((s for s in smaller if _tied(best, cells[s], metric.sign)), None)
+    lows = ((s, lead_over(best, cells[s], metric.sign).low) for s in smaller)
+    tied = next((s for s, low in lows if low is not None and low <= 0), None)
     published = {sensor: scores.published(series, at) for sensor, at in places.items()}
     papers = pick(published, {}, metric)
     rule = picked.best, picked.enough, picked.worthwhile, picked.gaining
@@ -141,12 +141,6 @@ def pick(
         key=lambda sensor: (sensor.width, -scores[sensor], sensor.name),
     )
     return Pick(best, enough, worthwhile, frozenset(s for s, gain in gains.items() if gain > 0))
-
-
-def _tied(best: Cell, other: Cell, sign: float) -> bool:
-    """Return whether there is an interval of the paired difference, and it is not above zero."""
-    low = lead_over(best, other, sign).low
-    return low is not None and low <= 0
 
 
 def choose_all(scores: Scores, series: Series, without: Collection[SensorId] = ()) -> Choices:
@@ -211,8 +205,8 @@ def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -
             continue
         for (scene, cutoff_hz, speed), names in differing.items():
             chosen = [f"{name} with {design}" for name, design in zip(names, at, strict=True)]
-            place = f"{scene}, {cutoff_label(cutoff_hz)}, {speed_label(scene, speed, base)}"
-            text += f"; {place}: {join_words(chosen)}"
+            place = setting_label(scene, cutoff_hz, speed, base)
+            text += f"; {scene}, {place}: {join_words(chosen)}"
         lines.append(f"{text}.")
     return lines
 

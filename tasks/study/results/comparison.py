@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tasks.registry import TASKS
-from tasks.study.results.asked import Condition, SensorId, Series
+from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.cells import Cell
 from tasks.study.results.choice import Pick, pick
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
@@ -166,7 +166,7 @@ def _block(
     ours: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     idle: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     for cutoff_hz in cutoffs_hz:
-        places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+        places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}
         cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
         nothing = {sensor: scores.baseline(series, at) for sensor, at in places.items()}
         paper = {sensor: scores.published(series, at) for sensor, at in places.items()}

@@ -73,11 +73,8 @@ def _check_joined(
 ) -> None:
     """Refuse to join a run with another one that does not differ in weights, or in more."""
     decides_nothing = "name", "question", "jobs"
-    settings, expected_settings = (
-        {name: value for name, value in of_run.items() if name not in decides_nothing}
-        for of_run in (config, of_other)
-    )
-    differing = list(differences(settings, expected_settings))
+    every = differences(config, of_other)
+    differing = [one for one in every if one[0].partition(".")[0] not in decides_nothing]
     others = [one for one in differing if not re.match(r"evaluate\.[^.]+\.weights\b", one[0])]
     if config.get("jobs") == of_other.get("jobs") or len(others) == len(differing):
         raise ResultError(f"{file}: same weights as {other}; joined runs must differ in weights")

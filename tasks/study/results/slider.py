@@ -16,6 +16,9 @@ from sensor import cutoff_in_light
 SPEEDS_M_PER_S = (0.2, 0.4, 0.6)
 """Speeds of the slider."""
 
+FACTORS = {speed: round(speed / SPEEDS_M_PER_S[0], 9) for speed in SPEEDS_M_PER_S}
+"""Factors of the virtual slider on its base speed, by its speed in m/s."""
+
 SIZES_PX: Mapping[str, tuple[tuple[int, int], ...]] = {
     "forest": ((442, 249), (649, 365), (1190, 669)),
     "pebbles": ((451, 254), (652, 367), (1215, 683)),
@@ -36,9 +39,6 @@ FIELD_PX = SIZES_PX["forest"]
 
 NEAREST_M = 0.236
 """Distance of the camera at the full size; the others follow from the widths."""
-
-BASE_SPEED_M_PER_S = 0.2
-"""Speed of the slider at factor 1."""
 
 PAPER_SIGMA_MM = 50.0
 """Standard deviation of the error of the paper's initial control positions, per component, mm."""

@@ -54,6 +54,11 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     return f"{fast:.2g} m/s" if fast < 10 else f"{fast:.0f} m/s"
 
 
+def setting_label(scene: str, cutoff_hz: float, speed: float, base: BaseSpeeds) -> str:
+    """Name a light and a speed, as in "day, 0.9 m/s"."""
+    return f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, base)}"
+
+
 def distances_label(distances_m: Mapping[str, float]) -> str:
     """List distances of cameras, m, by scene."""
     return ", ".join(f"{scene} {distance_m:.3g} m" for scene, distance_m in distances_m.items())

@@ -17,9 +17,9 @@ from tasks.study.results.scores import Scores
 from tasks.study.results.words import (
     MISSING,
     capitalized,
-    cutoff_label,
     join_words,
     rate_label,
+    setting_label,
     speed_label,
 )
 
@@ -131,7 +131,7 @@ def _answer(
     others: Sequence[SensorId],
 ) -> Answer:
     scene, cutoff_hz, speed = at
-    where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
+    where = setting_label(scene, cutoff_hz, speed, run.base_speeds)
     choice = choose(run.scores, series, *at, others)
     if choice is None:
         asked = any((c.scene, c.cutoff_hz, c.speed) == at for c in run.scores.conditions(series))

@@ -11,18 +11,12 @@ from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
-from tasks.study.results.asked import Condition, SensorId, Series
+from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.choice import Choice, choose
 from tasks.study.results.intervals import Interval, lead_over
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import (
-    MISSING,
-    capitalized,
-    cutoff_label,
-    photoreceptor_label,
-    speed_label,
-)
+from tasks.study.results.words import MISSING, capitalized, photoreceptor_label, setting_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +54,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     for scene, cutoff_hz, speed in conditions:
         if math.isinf(cutoff_hz) and readings.keys() <= {*PHOTORECEPTORS}:
             continue
-        places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in pair]
+        places = [s.at(scene, cutoff_hz, speed) for s in pair]
         intervals: dict[str, Interval | None] = {}
         for name, scores in readings.items():
             ours = [scores.cell(series, at) for at in places]
@@ -118,8 +112,7 @@ def _table(series: Series, of_series: list[Lead], heads: list[Text], run: Finish
             for interval, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        speed = speed_label(lead.scene, lead.speed, run.base_speeds)
-        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
+        head = Text(setting_label(lead.scene, lead.cutoff_hz, lead.speed, run.base_speeds))
         rows = blocks.setdefault(Text(lead.scene), {})
         if head in rows:  # speeds that differ by less than their digits
             head = head._replace(small=f"{lead.speed:g} times the base speed")

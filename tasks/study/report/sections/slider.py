@@ -10,7 +10,7 @@ from tasks.study.report.table import Rows, Table, Text, score_text
 from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
-    BASE_SPEED_M_PER_S,
+    FACTORS,
     FIELD_PX,
     NOTHING_MM,
     PRINTS,
@@ -25,7 +25,6 @@ from tasks.study.results.slider import (
 from tasks.study.results.words import MISSING
 
 _WIDTHS = [width for width, _ in FIELD_PX]
-_FACTORS = {speed: round(speed / BASE_SPEED_M_PER_S, 9) for speed in SPEEDS_M_PER_S}
 
 _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
 
@@ -60,7 +59,7 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
 
 
 def _measured(scores: Scores, series: Series) -> bool:
-    places = {(name, width, v) for name in PRINTS for width in _WIDTHS for v in _FACTORS.values()}
+    places = {(name, width, v) for name in PRINTS for width in _WIDTHS for v in FACTORS.values()}
     found = {(at.scene, at.width, at.speed) for at in scores.conditions(series) if not at.sensor}
     return not places.isdisjoint(found)
 
@@ -70,7 +69,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     metric = TASKS[series.task].metric
     blocks: dict[Text, Rows] = {}
     for scene in PRINTS:
-        for speed, factor in _FACTORS.items():
+        for speed, factor in FACTORS.items():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
             fields = zip(paper[scene, speed], SIZES_PX[scene], strict=True)
             rows = {Text("paper"): [_paper_text(series, v, width) for v, (width, _) in fields]}
@@ -101,10 +100,10 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
     for series, paper in pairs:
-        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in _FACTORS]}
+        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in FACTORS]}
         for hz in scores.cutoffs_hz(series):
             rows[Text(light_label(hz))] = []
-            for speed in _FACTORS.values():
+            for speed in FACTORS.values():
                 places = [[Condition(s, w, hz, speed) for w in _WIDTHS] for s in PRINTS]
                 medians = [
                     [scores.cell(series, at).median for at in of_print] for of_print in places

@@ -11,13 +11,13 @@ from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
 from tasks.study.results.asked import Condition, Series, sensor_of
 from tasks.study.results.choice import choose
 from tasks.study.results.scores import Scores, base_speed
-from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
+from tasks.study.results.words import MISSING, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
 
 
 def compare_thresholds(
-    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds
 ) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
@@ -36,7 +36,7 @@ def compare_thresholds(
         choices: dict[Text, list[Text]] = {}
         blocks: dict[Text, Rows] = {}
         for hz in first.cutoffs_hz(series):
-            where = [Condition(scene, s.width, hz, speed, s.name) for s in sensors]
+            where = [s.at(scene, hz, speed) for s in sensors]
             points = [[score_point(s, series, at, base) for s in ascending] for at in where]
             light = cutoff_text(hz)
             panels.append(Panel(*light[:2], [Line([*filter(None, line)]) for line in points]))
