@@ -10,7 +10,6 @@ from tasks.study.claims.numbers import (
     NotMeasured,
     Number,
     NumberText,
-    Quantity,
     SceneScores,
     best_and_lead,
     estimated,
@@ -28,21 +27,20 @@ _NOTE = (
 
 def _overcomes(title: str, statement: str, series: Series, twin: str, note: str) -> SceneClaim:
     """Return the claim about a network and its twin."""
-    numbers: dict[str, Quantity] = {
-        **best_and_lead([1280], NIGHT),
-        "fast": Number(lead([1280], NIGHT, 2.0)),
-        "twin": Number(lead([1280], NIGHT, method=twin)),
-        "gain": Number(_over_twin(twin, NIGHT), above=0),
-        "cost": Number(_over_twin(twin, IDEAL)),
-        "others": lambda on: _other_nights(on, twin),
-    }
     return SceneClaim(
         number=23,
         why="It differs by scene and training.",
         title=title,
         statement=statement,
         series=series,
-        numbers=numbers,
+        numbers={
+            **best_and_lead([1280], NIGHT),
+            "fast": Number(lead([1280], NIGHT, 2.0)),
+            "twin": Number(lead([1280], NIGHT, method=twin)),
+            "gain": Number(_over_twin(twin, NIGHT), above=0),
+            "cost": Number(_over_twin(twin, IDEAL)),
+            "others": lambda on: _other_nights(on, twin),
+        },
         text="night: best {best}, lead of 1280 px {lead}, at speed 2 {fast}; of the twin {twin}; "
         "over the twin {gain} at night, {cost} in ideal light{others}",
         paper="only the sentence, no numbers",
