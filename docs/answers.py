@@ -123,10 +123,10 @@ def sample_worth(run: FinishedRun) -> str:
         return "This run compares no two sensors behind a photoreceptor."
     at = max(one.cutoff_hz for one in first.values()), min(one.speed for one in first.values())
     worth = {
-        (series, one.scene): one.found[reading].effective_samples
+        (series, one.scene): lead.effective_samples
         for series, leads_of_one in found.items()
         for one in leads_of_one
-        if (one.cutoff_hz, one.speed) == at and one.found[reading]
+        if (one.cutoff_hz, one.speed) == at and (lead := one.found[reading])
     }
     columns = [["", *(one.title for one in first)]]
     for scene in run.scenes:
