@@ -13,8 +13,7 @@ import sys
 from pathlib import Path
 
 from tasks.registry import TASKS
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS, published
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores

@@ -24,13 +24,17 @@ from tasks.registry import TASKS, sigma_mm
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
-from tasks.study.results.asked import MetersPerSecond, lux_of
-from tasks.study.results.cells import Condition
-from tasks.study.results.choice import Choice, Choices, answered, choose_all
-from tasks.study.results.exponents import designs_of, width_in_design
-from tasks.study.results.metrics import Series
+from tasks.study.report.sections.photoreceptor import leads
+from tasks.study.results.asked import Condition, MetersPerSecond, Series, lux_of
+from tasks.study.results.choice import (
+    Choice,
+    Choices,
+    answered,
+    choose_all,
+    designs_of,
+    width_in_design,
+)
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.photoreceptors import leads
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,
@@ -111,16 +115,17 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
 
 def sample_worth(run: FinishedRun) -> str:
     """Return how many independent samples those of each scene are worth, a line for each task."""
-    found = {one: leads({"": run.scores}, one) for one in run.firsts}
+    reading = run.scores.photoreceptor
+    found = {one: leads({reading: run.scores}, one) for one in run.firsts}
     first = {one: leads_of_one[0] for one, leads_of_one in found.items() if leads_of_one}
     if not first:
         return "This run compares no two sensors behind a photoreceptor."
     at = max(one.cutoff_hz for one in first.values()), min(one.speed for one in first.values())
     worth = {
-        (series, one.scene): one.found[""].effective_samples
+        (series, one.scene): lead.effective_samples
         for series, leads_of_one in found.items()
         for one in leads_of_one
-        if (one.cutoff_hz, one.speed) == at and one.found[""]
+        if (one.cutoff_hz, one.speed) == at and (lead := one.found[reading])
     }
     columns = [["", *(one.title for one in first)]]
     for scene in run.scenes:
@@ -206,8 +211,7 @@ def designs(run: FinishedRun) -> str:
 def programs(run: FinishedRun) -> str:
     """Return the lead of the finest sensor with each photoreceptor or program, beside the paper's,
     a line for each method, scene, light and speed."""
-    readings = {run.scores.photoreceptor: run.scores}
-    readings |= {name: scores[0] for name, scores in run.others.items()}
+    readings = run.readings
     columns: list[list[str]] = [[""], *([name] for name in readings), ["paper"]]
     for series in filter(is_main, run.series):
         metric = TASKS[series.task].metric

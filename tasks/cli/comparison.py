@@ -44,16 +44,8 @@ def _rich_block(block: Block, table: ComparisonTable, columns: list[Column]) -> 
     for line in block.lines:
         cells = [Text("do nothing" if line.sensor is None else line_label(line, table.series))]
         for entry in line.entries:
-            styles = {
-                "ours": _style(entry.best, entry.enough, entry.beats_nothing is False),
-                "paper": _style(entry.paper_best, entry.paper_enough, False),
-            }
             for column in columns:
                 text = column.text(table.series, entry, line)
-                cells.append(Text(text, styles.get(column.kind, "")))
+                cells.append(Text(text, entry.marks.get(column.kind, "")))
         shown.add_row(*cells)
     return shown
-
-
-def _style(best: bool, enough: bool, idle: bool) -> str:
-    return " ".join(["bold"] * best + ["underline"] * enough + ["strike"] * idle)

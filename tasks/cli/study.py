@@ -194,6 +194,7 @@ def claims(run: RunFolder, others: OtherRuns = (), *, as_json: AsJson = False) -
 def _show_scores(run: FinishedRun) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
+    from tasks.study.results.choice import exponents_text
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.words import join_words, lost_text, photoreceptor_label
 
@@ -206,7 +207,7 @@ def _show_scores(run: FinishedRun) -> None:
     if scores.dropped:
         lost = lost_text(scores.dropped)
         terminal.say(f"largest share of a window's events that the bus lost: {lost}")
-    terminal.say(*run.exponents)
+    terminal.say(*exponents_text(scores, run.firsts, run.base_speeds))
     if further:
         named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.say(

@@ -8,8 +8,7 @@ from eres_render.errors import suggestion
 from sensor.cameras import EventCamera
 from tasks.errors import StudyError
 from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
-from tasks.study.results.paper_slider import PAPER_SIGMA_MM
-from tasks.study.results.slider import FIELD_PX, PRINTS
+from tasks.study.results.slider import FIELD_PX, PAPER_SIGMA_MM, PRINTS
 from tasks.study.sensors import AREA
 from tasks.study.settings import Render, Simulate, Study
 

@@ -9,7 +9,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.verdict import Verdict
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
 
 EI = Series("reconstruction", "event_integration", "psnr_db")

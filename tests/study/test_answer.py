@@ -22,9 +22,9 @@ from study_rows import EI, EPF, HF, nothing_rows, paper_rows
 from tasks.row import Row, write_rows
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.results.bootstrap import effective_samples
+from tasks.study.results.asked import Series
+from tasks.study.results.cells import effective_samples
 from tasks.study.results.choice import Choices, answered, choose_all
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
 ROOT = Path(__file__).parents[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tasks.study.results.bandwidth import capacities_hz, usual_bus_hz
+from tasks.study.results.choice import capacities_hz, usual_bus_hz
 
 
 def test_capacities_are_those_of_real_buses() -> None:

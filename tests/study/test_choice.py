@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.results.asked import SensorId
-from tasks.study.results.choice import Choice, choose, choose_all
-from tasks.study.results.exponents import exponents_text
+from tasks.study.results.choice import Choice, choose, choose_all, exponents_text
 from tasks.study.results.scores import Scores
 
 

@@ -20,8 +20,8 @@ from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.numbers import Number, SceneScores, estimated
 from tasks.study.claims.statistics import DAY, SceneCell, event_rate, lead, margin, smallest
 from tasks.study.claims.verdict import Status, settled, status_of
-from tasks.study.results.bootstrap import DRAWS, effective_samples
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.asked import Condition
+from tasks.study.results.cells import DRAWS, Cell, effective_samples
 from tasks.study.results.intervals import Interval, Medians, estimate
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Scores

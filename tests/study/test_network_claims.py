@@ -17,9 +17,8 @@ from tasks.study.claims.judge import CLAIMS, claims_of, judge_all, judge_reading
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.intervals import Interval, estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
 
@@ -180,13 +179,13 @@ def test_other_sensors_are_judged_on_the_claims_about_training_alone() -> None:
     assert claims_of({}, Scores(rows, square=False)) is TRAINING_CLAIMS
     camera = [replace(row, sensor="davis346") if row.width == 346 else row for row in rows]
     assert claims_of({}, Scores(camera)) is TRAINING_CLAIMS
-    (found,) = judge_readings({}, {"two_pole": [Scores(rows + slower)]}, {}).values()
+    (found,) = judge_readings({}, {"two_pole": Scores(rows + slower)}, {}).values()
     assert [one.status for one in found] == [Status.HOLDS, Status.NOT_MEASURED]
     assert "; 20 Hz: lead of 1280 px +" in found[0].ours
     assert ", over the twin +9.50" in found[0].ours.partition("20 Hz")[2]
     assert "100 Hz" not in found[0].ours
     alone = [row for row in slower if row.method == "our_reconstruction_all_light"]
-    assert judge_readings({}, {"two_pole": [Scores(alone)]}, {}) == {"two_pole": []}
+    assert judge_readings({}, {"two_pole": Scores(alone)}, {}) == {"two_pole": []}
 
 
 ABLATED = (4, 9, 10, 12, 14, 16, 19, 20)
@@ -227,7 +226,8 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         return folder
 
     def over_twin(*folders: Path) -> str:
-        (verdicts,) = judge_readings({}, scores_of_run(*folders), {}).values()
+        ((scores,),) = scores_of_run(*folders).values()
+        (verdicts,) = judge_readings({}, {"": scores}, {}).values()
         found = next(one for one in verdicts if one.number == 23)
         assert found.status is Status.HOLDS
         return found.ours.partition("over the twin ")[2]
@@ -310,5 +310,6 @@ def test_what_one_of_several_runs_lacks_is_not_measured(tmp_path: Path, lacking:
             "evaluate": {"video": {"weights": {"mine": f"{k}.pt"}}, "windows": 10},
         }
         (folder / "study.json").write_text(json.dumps(config))
-    (verdicts,) = judge_readings({}, scores_of_run(*folders), {}).values()
+    ((scores,),) = scores_of_run(*folders).values()
+    (verdicts,) = judge_readings({}, {"": scores}, {}).values()
     assert [one.status for one in verdicts if one.number == 23] == [Status.NOT_MEASURED] * 2

@@ -6,29 +6,26 @@ Sums and winners go through every number: a wrong digit, column or line moves th
 import numpy as np
 import pytest
 
-from tasks.study.results.paper_slider import SIZES_PX, SPEEDS_M_PER_S, slider_scores
+from tasks.study.results.slider import SIZES_PX, SPEEDS_M_PER_S, slider_scores
 
 
 @pytest.fixture(scope="module")
 def table() -> dict[str, np.ndarray]:
     """By method: (print, distance from far to near, speed)."""
-    found: dict[str, list[float]] = {}
-    for one in slider_scores():
-        found.setdefault(one.method, []).append(one.value)
-    return {method: np.array(values).reshape(3, 3, 3) for method, values in found.items()}
+    return {
+        method: np.array([[of[name, v] for v in SPEEDS_M_PER_S] for name in SIZES_PX]).swapaxes(
+            1, 2
+        )
+        for (_, method), of in slider_scores().items()
+    }
 
 
 def test_there_are_162_numbers_with_their_conditions(table: dict[str, np.ndarray]) -> None:
     """Corners of the table, by all fields."""
+    assert sum(values.size for values in table.values()) == 162
     scores = slider_scores()
-    assert len(scores) == 162
-    first, last = scores[0], scores[-1]
-    assert (first.picture, first.method, first.width, first.speed_m_per_s, first.value) == (
-        "forest", "e2vid", 442, 0.2, 12.79,
-    )  # fmt: skip
-    assert (last.picture, last.method, last.width, last.speed_m_per_s, last.value) == (
-        "split_rocks", "photometric_tracking", 1193, 0.6, 78.91,
-    )  # fmt: skip
+    assert scores["video", "e2vid"]["forest", 0.2][0] == 12.79
+    assert scores["tracking", "photometric_tracking"]["split_rocks", 0.6][-1] == 78.91
 
 
 def test_the_text_of_the_paper_follows_from_the_table(table: dict[str, np.ndarray]) -> None:

@@ -18,9 +18,9 @@ from tasks.row import Row
 from tasks.study.claims.judge import changed_verdicts, judge_all, judge_readings
 from tasks.study.claims.verdict import Status
 from tasks.study.config import Simulate, Study
+from tasks.study.report.sections.photoreceptor import leads
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.photoreceptors import leads
-from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
+from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.run.jobs import Job, jobs_of
 
 GAIN_DB = 2.0
@@ -95,7 +95,7 @@ def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> 
     for thresholds in found.values():
         assert [one.contrast_threshold for one in thresholds] == [0.2, 0.4]
         assert all((304, "atis") in one.sensors(EI) for one in thresholds)
-    (alone,) = by_threshold(own)
+    (alone,) = by_photoreceptor(own)["v2e"]
     assert (alone.contrast_threshold, alone.photoreceptor) == (0.13, "v2e")
 
 
@@ -208,7 +208,7 @@ def test_the_order_of_readings_does_not_matter() -> None:
 def test_times_between_events_are_of_one_reading() -> None:
     """Promise: claim 2 is not judged with v2e on the histograms of two poles, and a claim that is
     not measured with one reading is not among those with another verdict."""
-    readings = by_photoreceptor(both_rows())
+    readings = {name: found[0] for name, found in by_photoreceptor(both_rows()).items()}
     scaling = {"carpet": made()}
     found = judge_readings({}, readings, scaling)
     with_two, with_v2e = (

@@ -13,8 +13,8 @@ from tasks.study.claims.numbers import Number
 from tasks.study.claims.statistics import DAY, margin
 from tasks.study.claims.verdict import Status, Verdict, holm
 from tasks.study.config import preset
-from tasks.study.results.bootstrap import effective_samples
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.asked import Condition
+from tasks.study.results.cells import Cell, effective_samples
 from tasks.study.results.intervals import Interval, estimate
 from tasks.study.results.scores import Scores
 

@@ -7,8 +7,7 @@ import pytest
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.slider import ON_THE_SLIDER
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import FIELD_PX, PRINTS, light_label
 

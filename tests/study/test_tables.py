@@ -18,9 +18,8 @@ from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 from tasks.study.report.tables_csv import to_csv
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.comparison import comparison_table, main_tables
-from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label
@@ -71,7 +70,7 @@ def test_ours_the_papers_and_the_difference_stand_side_by_side() -> None:
 def test_the_best_of_a_column_is_marked_and_the_baseline_is_not() -> None:
     """1280 px wins; the do-nothing line is never best."""
     lines = comparison_table(Scores(grid()), EI).blocks[0].lines
-    assert [line.entries[0].best for line in lines] == [False, True, False]
+    assert ["bold" in line.entries[0].marks["ours"] for line in lines] == [False, True, False]
     assert lines[-1].entries[0].cell.median == 12.0
 
 
@@ -82,13 +81,15 @@ def test_the_smallest_sensor_that_is_as_good_is_underlined() -> None:
     rows = [row(width, 0, value) for width, value in values.items()]
     table = comparison_table(Scores(rows), EI)
     entries = [line.entries[0] for line in table.blocks[0].lines[:3]]
-    assert [one.enough for one in entries] == [False, True, False]
-    assert [one.paper_enough for one in entries] == [False, False, True]
+    assert ["underline" in one.marks["ours"] for one in entries] == [False, True, False]
+    assert ["underline" in one.marks["paper"] for one in entries] == [False, False, True]
     assert re.findall(r"<u>([^<]*)</u>", comparison_html(table)) == ["19.91", "24.09"]
     assert "underlined: the smallest within 0.1 dB of it" in table.footnote(table.columns)
     idle = [replace(r, method="no_events", value=19.95, event_rate_hz=0.0) for r in rows]
     lines = comparison_table(Scores(rows + idle), EI).blocks[0].lines
-    assert not any(entry.enough for line in lines for entry in line.entries)
+    assert not any(
+        "underline" in entry.marks.get("ours", "") for line in lines for entry in line.entries
+    )
 
 
 @pytest.mark.parametrize("broken", ["absent", "nan"])
@@ -103,7 +104,9 @@ def test_a_cell_without_all_samples_has_no_median(broken: str) -> None:
     entry = table.blocks[0].lines[1].entries[0]
     assert entry.cell.median is None
     assert entry.difference is None
-    assert not any(line.entries[0].best for line in table.blocks[0].lines)
+    assert not any(
+        "bold" in line.entries[0].marks.get("ours", "") for line in table.blocks[0].lines
+    )
     assert "– (2 of 3)" in terminal_text(rows)
     assert "– (2 of 3)" in comparison_html(table)
 

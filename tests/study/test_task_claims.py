@@ -11,12 +11,17 @@ import pytest
 from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows, verdict
 from tasks.row import Row
 from tasks.study.claims.verdict import Status
-from tasks.study.results.bootstrap import DRAWS, resampled_medians
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.asked import Condition, Series
+from tasks.study.results.cells import DRAWS, Cell
 from tasks.study.results.intervals import estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import ideal_success, judged_series, shown_series
 from tasks.study.results.scores import Scores
+
+
+def resampled(values, sample, training, scene):
+    failed = np.zeros(len(values), bool)
+    return Cell(scene, values, values, failed, sample, training, len(values)).resampled
+
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
 INF = math.inf
@@ -274,7 +279,7 @@ def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
     rng = np.random.default_rng(3)
     sample = np.repeat(np.arange(7), [1, 4, 2, 3, 5, 2, 2])
     values = rng.normal(size=sample.size) + 3 * rng.normal(size=7)[sample]
-    medians = resampled_medians(values, sample, np.zeros_like(sample), "carpet")
+    medians = resampled(values, sample, np.zeros_like(sample), "carpet")
     assert medians.shape == (DRAWS,)
 
     from zlib import crc32
@@ -327,7 +332,7 @@ def test_the_bootstrap_draws_trainings_with_all_their_values() -> None:
     rng = np.random.default_rng(4)
     sample, training = (index.ravel() for index in np.indices((6, 3)))
     values = rng.normal(size=sample.size) + 2 * rng.normal(size=3)[training]
-    medians = resampled_medians(values, sample, training, "rocks")
+    medians = resampled(values, sample, training, "rocks")
     samples = np.random.default_rng([crc32(b"rocks"), 6]).integers(6, size=(DRAWS, 6))
     trainings = np.random.default_rng([crc32(b"trainings"), 3]).integers(3, size=(DRAWS, 3))
     for k in range(0, DRAWS, 97):

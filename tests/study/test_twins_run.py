@@ -12,8 +12,7 @@ from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import cutoff_label

@@ -21,8 +21,8 @@ from tasks.study.claims.numbers import (
 )
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
+from tasks.study.results.asked import Series
 from tasks.study.results.intervals import TAILS, widening
-from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores
 from tasks.study.results.words import join_words
@@ -149,9 +149,7 @@ class SceneClaim(Claim):
         readings, lines = self._read(scores, series, scaling)
         outcomes = [reading.status for reading in readings.values()]
         if status_of(outcomes) is not unmeasured:
-            judged = [
-                scene for scene, reading in readings.items() if reading.status is not unmeasured
-            ]
+            judged = [scene for scene, one in readings.items() if one.status is not unmeasured]
             scope = f"{scope} {self._scope(scores, series, judged)}".strip()
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
@@ -170,7 +168,8 @@ class SceneClaim(Claim):
         scenes = dict.fromkeys(scene for each in (series, *others) for scene in scores.scenes(each))
         every = [SceneScores(scores, series, scene, scaling.get(scene)) for scene in scenes]
         claimed = [on for on in every if not self.scenes or on.scene in self.scenes]
-        readings = self._readings([on for on in claimed if on.scene in scores.scenes(series)])
+        judged = [on for on in claimed if on.scene in scores.scenes(series)]
+        readings = self._readings(judged)
         for on in every if self.beside_everywhere else claimed:
             if reading := readings.get(on.scene):
                 fails = reading.status is Status.DOES_NOT_HOLD
@@ -179,7 +178,7 @@ class SceneClaim(Claim):
                 with suppress(NotMeasured):
                     reading = self._reading(self._numbers(replace(on, series=other)))
                     lines.append(f"{on.scene}, {other.name}: {reading.text} ({reading.status})")
-        return readings, lines + self._mean(scores, series)
+        return readings, lines + self._mean(judged)
 
     def _readings(self, every: Sequence[SceneScores]) -> dict[str, NumberText]:
         """Read the numbers of all scenes, which fail together, and judge each scene by its own."""
@@ -217,13 +216,11 @@ class SceneClaim(Claim):
             intervals=sum(number.fails_at is not None for number in numbers),
         )
 
-    def _mean(self, scores: Scores, series: Series) -> list[str]:
+    def _mean(self, every: Sequence[SceneScores]) -> list[str]:
         """Return a line with the mean over the scenes, if several have the number."""
         number = self.numbers.get(self.mean)
         if not isinstance(number, Number):
             return []
-        scenes = [name for name in scores.scenes(series) if name in (self.scenes or [name])]
-        every = [SceneScores(scores, series, scene) for scene in scenes]
         complete = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
         if len(complete) < 2:
             return []
@@ -262,9 +259,8 @@ def scope_text(only: Collection[str] = (), samples: int | None = None, seeds: in
     """
     parts = [f"Judged on {join_words([*only])} only"] if only else []
     if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:
-        plural = "sample" if samples == 1 else "samples"
-        needed = f"({MIN_SAMPLES_FOR_INTERVAL} needed)"
-        parts.append(f"{samples} {plural}, too few for an interval {needed}")
+        few = f"{samples} sample{'s' * (samples != 1)}"
+        parts.append(f"{few}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)")
     if seeds > 1:
         wider = widening(seeds, TAILS[0])
         parts.append(

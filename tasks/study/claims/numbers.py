@@ -12,9 +12,9 @@ from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, holm, settled
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.asked import Condition, Series
+from tasks.study.results.cells import Cell
 from tasks.study.results.intervals import TAILS, Interval, estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores, paper_scores
@@ -33,11 +33,6 @@ class SceneScores:
     series: Series
     scene: str
     scaling: Scaling | None = None
-
-    @property
-    def published(self) -> bool:
-        """Whether these are the paper's numbers, whose spread is unknown: the values decide."""
-        return self.scores is paper_scores()
 
     @property
     def metric(self) -> Metric:
@@ -95,9 +90,10 @@ class SceneScores:
 def estimated(statistic: Statistic, *scenes: SceneScores, tail: float = TAILS[0]) -> Interval:
     """Evaluate a statistic of a scene's medians, with an interval with two such tails."""
     rates = statistic.of_rates
-    cells = [{at: on.cell(at) for at in statistic.cells} for on in scenes]
-    every = [cell for of_scene in cells for cell in of_scene.values()]
-    values = np.concatenate([cell.event_rates_hz if rates else cell.values for cell in every])
+    cells = [
+        {at: on.cell(at).rates if rates else on.cell(at) for at in statistic.cells} for on in scenes
+    ]
+    values = np.concatenate([cell.values for of_scene in cells for cell in of_scene.values()])
     if np.isnan(values).any():
         raise NotMeasured("not measured, there are no event rates")
     if statistic.positive and not np.all(values > 0):
@@ -121,8 +117,7 @@ def _of_parts(
     share this tail (Bonferroni). For the largest number the bounds change places.
     """
     if statistic.extreme is None:
-        rates = statistic.of_rates
-        return estimate(statistic.of, *scenes, sign=sign, of_rates=rates, tails=tails)
+        return estimate(statistic.of, *scenes, sign=sign, tails=tails)
     low, high = tails
     if statistic.extreme is Extreme.SMALLEST:
         pick, tails = min, (low, high / len(statistic.parts))
@@ -206,7 +201,7 @@ class Number:
         if bound is None:
             return NumberText(text)
         above = self.above is not None and on.scene not in self.below_on
-        if on.published:
+        if on.scores is paper_scores():  # whose spread is unknown: the values decide
             as_claimed = (ours.value > bound) == above
             return NumberText(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
         doubt = ""
@@ -275,7 +270,9 @@ class Best(NamedTuple):
         return NumberText(f"{MedianOf(width, *self)(on).text} at {width} px")
 
 
-def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity]:
+def best_and_lead(
+    widths: Sequence[int], cutoff_hz: float, best: str = "best", ahead: str = "lead"
+) -> dict[str, Quantity]:
     """Return the numbers of a claim that one of some widths is best in a light, at base speed.
 
     Parameters
@@ -284,5 +281,7 @@ def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity
         The widths, px.
     cutoff_hz
         Photoreceptor cutoff, Hz.
+    best, ahead
+        Names of the numbers.
     """
-    return {"best": Best(cutoff_hz), "lead": Number(lead(widths, cutoff_hz), above=0)}
+    return {best: Best(cutoff_hz), ahead: Number(lead(widths, cutoff_hz), above=0)}

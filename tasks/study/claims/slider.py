@@ -12,32 +12,31 @@ import numpy as np
 from tasks.registry import NATIVE_PATCH, TASKS, sigma_variant
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
-from tasks.study.claims.numbers import (
-    NotMeasured,
-    Number,
-    NumberText,
-    SceneScores,
-    corrected,
-)
+from tasks.study.claims.numbers import NotMeasured, Number, NumberText, SceneScores, corrected
 from tasks.study.claims.statistics import median
 from tasks.study.claims.verdict import Status, Verdict, status_of, status_of_any
-from tasks.study.results.metrics import Series
-from tasks.study.results.paper_slider import (
-    NOTHING_MM,
-    PAPER_SIGMA_MM,
-    SPEEDS_M_PER_S,
-    slider_scores,
-    worse_than_nothing,
-)
+from tasks.study.results.asked import Series
 from tasks.study.results.perturbation import TRACKING, judged_series, sweep
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
-from tasks.study.results.slider import BASE_SPEED_M_PER_S, FIELD_PX, PRINTS, light_label
+from tasks.study.results.slider import (
+    FACTORS,
+    FIELD_PX,
+    NOTHING_MM,
+    PAPER_SIGMA_MM,
+    PRINTS,
+    SPEEDS_M_PER_S,
+    light_label,
+    slider_scores,
+    worse_than_nothing,
+)
 from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
-_FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
+_FAST = FACTORS[_FAST_M_PER_S]
+_NATIVE = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
+_PAPERS_START = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
 _UNMEASURED = Status.NOT_MEASURED
 _NEAR = 1.5  # largest factor between a cutoff by area and that of a light of the run
 
@@ -60,15 +59,15 @@ class SliderClaim(Claim):
         """Compare the two distances at the highest speed, in each light on its own."""
         del scaling
         nearest = next(iter(sweep(scores, TRACKING.method)), None)  # to the truth
-        every = {
-            SceneScores(scores, series, scene): decides
-            for series, decides in _judged(
-                scores, nearest if self.recorded else judged_series(scores)
-            ).items()
+        tracking = nearest if self.recorded else judged_series(scores)
+        every = [
+            SceneScores(scores, series, scene)
+            for series in dict.fromkeys((PHOTOMETRIC, _NATIVE, tracking, _PAPERS_START))
+            if series in scores.series()
             for scene in scores.scenes(series)
             if self.recorded or scene in PRINTS
-        }
-        deciding = {on: True for on, decides in every.items() if decides}
+        ]
+        deciding = [on for on in every if on.series in (PHOTOMETRIC, tracking)]
         found = {on.series.task for on in deciding}
         missing = [task for task in (PHOTOMETRIC.task, TRACKING.task) if task not in found]
         lights = sorted({hz for on in every for hz in scores.cutoffs_hz(on.series)}, reverse=True)
@@ -76,7 +75,7 @@ class SliderClaim(Claim):
         lines: list[str] = []
         intervals = 0
         for hz in lights if self.recorded else filter(math.isfinite, lights):
-            ours, texts = self._compared(every, hz, hz)
+            ours, texts = self._compared(every, deciding, hz, hz)
             outcomes.append(status_of([o.status for o in ours] + [_UNMEASURED] * len(missing)))
             intervals += sum(one.fails_at is not None for one in ours)
             light = "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
@@ -85,39 +84,34 @@ class SliderClaim(Claim):
             area_hz = hz * (_FULL / _MIDDLE) ** 2
             near_hz = min(lights, key=lambda other: abs(math.log(other / area_hz)))
             if not self.recorded and abs(math.log(near_hz / area_hz)) < math.log(_NEAR):
-                ours, texts = self._compared(deciding, hz, near_hz)
+                ours, texts = self._compared(deciding, deciding, hz, near_hz)
                 status = status_of(one.status for one in ours)
                 cutoffs = f"{near_hz:.3g} Hz at {_MIDDLE} px (by area {area_hz:.3g} Hz)"
                 lines += [f"{light}, but {cutoffs}: {status}", *texts]
         if lines:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
             lines.append(f"all lights at once: {status_of(outcomes)}")
-        samples: dict[str, int] = {}  # by print, of the series with the fewest
-        for on in deciding:
-            count = scores.samples(on.series, on.scene)
-            samples[on.scene] = min(count, samples.get(on.scene, count))
-        names = [*samples] if set(PRINTS) - samples.keys() else []
+        few = min((scores.samples(on.series, on.scene) for on in deciding), default=None)
+        names = list(dict.fromkeys(on.scene for on in deciding))
         if self.recorded:
-            names = [f"recordings of {join_words([*samples])}"] if samples else []
-        scope = scope_text(names, min(samples.values(), default=None))
+            names = [f"recordings of {join_words(names)}"] if names else []
+        scope = scope_text([] if {*PRINTS} <= {*names} else names, few)
         said = "\n".join(lines) or "no rows of the virtual slider", "\n".join(_paper_lines())
         return self.verdict([status_of_any(outcomes)], *said, scope, intervals=intervals)
 
     def _compared(
-        self, every: Mapping[SceneScores, bool], hz: float, middle_hz: float
+        self, every: list[SceneScores], deciding: list[SceneScores], hz: float, middle_hz: float
     ) -> tuple[list[NumberText], list[str]]:
         """Return the leads of the middle distance that decide in a light, and lines with all.
 
         Parameters
         ----------
-        every
-            What to compare, and whether it decides.
         middle_hz
             Cutoff at the middle distance, Hz.
         """
         leads = {on: self._lead(on, hz, middle_hz) for on in every}
-        ours = corrected([leads[on] for on, decides in every.items() if decides])
-        leads |= zip((on for on, decides in every.items() if decides), ours, strict=True)
+        ours = corrected([leads[on] for on in deciding])
+        leads |= zip(deciding, ours, strict=True)
         of_series: dict[Series, list[str]] = {}
         for on, lead in leads.items():
             fails = " (does not hold)" * (lead.status is Status.DOES_NOT_HOLD)
@@ -144,26 +138,12 @@ class SliderClaim(Claim):
         return NumberText(f"{at} not measured", _UNMEASURED)
 
 
-def _judged(scores: Scores, tracking: Series | None) -> dict[Series, bool]:
-    """Return the series to print, and whether each of them decides."""
-    native = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
-    papers_start = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
-    every = [PHOTOMETRIC, native, tracking, papers_start]
-    deciding = PHOTOMETRIC, tracking
-    return {series: series in deciding for series in every if series in scores.series()}
-
-
 def _paper_lines() -> Iterator[str]:
     """Yield the paper's numbers, a line for each task."""
     for series in (PHOTOMETRIC, TRACKING):
         leads = {}
         for name in PRINTS:
-            where = series.method, name, _FAST_M_PER_S
-            _, middle, full = (
-                score.value
-                for score in slider_scores()
-                if (score.method, score.picture, score.speed_m_per_s) == where
-            )
+            _, middle, full = slider_scores()[series[:2]][name, _FAST_M_PER_S]
             leads[name] = full - middle
         each = ", ".join(f"{name} {lead:+.2f}" for name, lead in leads.items())
         mean = np.mean([*leads.values()])

@@ -8,7 +8,7 @@ from tasks.registry import sigma_variant
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import Best, MedianOf, Number, best_and_lead
 from tasks.study.claims.statistics import IDEAL, NIGHT, growth, lead
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series
 from tasks.study.results.perturbation import (
     REQUIRED_SUCCESS,
     TRACKING,
@@ -86,8 +86,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         "speed 2.",
         scenes=("carpet",),
         numbers={
-            "slow": Best(NIGHT),
-            "slow_lead": Number(lead([1280], NIGHT), above=0),
+            **best_and_lead([1280], NIGHT, "slow", "slow_lead"),
             "fast": Best(NIGHT, 2.0),
             "fast_lead": Number(lead([1280], NIGHT, 2.0), below=0),
         },

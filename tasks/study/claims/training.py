@@ -7,17 +7,16 @@ from contextlib import suppress
 
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import (
-    Best,
     NotMeasured,
     Number,
     NumberText,
-    Quantity,
     SceneScores,
+    best_and_lead,
     estimated,
 )
 from tasks.study.claims.reconstruction import ONE_VIDEO
 from tasks.study.claims.statistics import IDEAL, NIGHT, Statistic, lead, median
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series
 
 _OTHER_NIGHTS_HZ = 100.0, 20.0  # the second is slower than anything in training
 _NOTE = (
@@ -28,22 +27,20 @@ _NOTE = (
 
 def _overcomes(title: str, statement: str, series: Series, twin: str, note: str) -> SceneClaim:
     """Return the claim about a network and its twin."""
-    numbers: dict[str, Quantity] = {
-        "best": Best(NIGHT),
-        "lead": Number(lead([1280], NIGHT), above=0),
-        "fast": Number(lead([1280], NIGHT, 2.0)),
-        "twin": Number(lead([1280], NIGHT, method=twin)),
-        "gain": Number(_over_twin(twin, NIGHT), above=0),
-        "cost": Number(_over_twin(twin, IDEAL)),
-        "others": lambda on: _other_nights(on, twin),
-    }
     return SceneClaim(
         number=23,
         why="It differs by scene and training.",
         title=title,
         statement=statement,
         series=series,
-        numbers=numbers,
+        numbers={
+            **best_and_lead([1280], NIGHT),
+            "fast": Number(lead([1280], NIGHT, 2.0)),
+            "twin": Number(lead([1280], NIGHT, method=twin)),
+            "gain": Number(_over_twin(twin, NIGHT), above=0),
+            "cost": Number(_over_twin(twin, IDEAL)),
+            "others": lambda on: _other_nights(on, twin),
+        },
         text="night: best {best}, lead of 1280 px {lead}, at speed 2 {fast}; of the twin {twin}; "
         "over the twin {gain} at night, {cost} in ideal light{others}",
         paper="only the sentence, no numbers",

@@ -16,14 +16,12 @@ from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
-from tasks.study.results.asked import InLight, SensorId, light_of, sensor_of
-from tasks.study.results.bandwidth import usual_bus_hz
-from tasks.study.results.exponents import exponents_text
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series, light_of, sensor_of
+from tasks.study.results.choice import usual_bus_hz
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.run_files import read_config, scores_of_run
-from tasks.study.results.scaling import Scaling, read_scaling
+from tasks.study.results.scaling import Intervals, Scaling, read_scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
@@ -49,6 +47,12 @@ class FinishedRun:
         """Return the scores of the first contrast threshold."""
         return self.found[0]
 
+    @property
+    def readings(self) -> dict[str, Scores]:
+        """Return the scores at the first threshold by photoreceptor, that of the page first."""
+        every = {self.scores.photoreceptor: self.found, **self.others}
+        return {name: scores[0] for name, scores in every.items()}
+
     @cached_property
     def series(self) -> list[Series]:
         """Return the series that the report shows, by task."""
@@ -68,11 +72,6 @@ class FinishedRun:
     def assumes(self) -> list[str]:
         """Return what the study assumes of its sensors in words; none for recordings."""
         return list(self.config.get("assumes", []))
-
-    @property
-    def exponents(self) -> list[str]:
-        """Return in words whether the choice hangs on the exponent of the photodiode's area."""
-        return exponents_text(self.scores, self.firsts, self.base_speeds)
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:
@@ -145,11 +144,10 @@ class FinishedRun:
             pictures[entry.scene].append(entry)
         return pictures
 
-    def _light_of(self, entry: InLight) -> float:
+    def _light_of(self, entry: Preview | Intervals) -> float:
         """Return the light of a picture or a histogram, as in `Condition`."""
-        if entry.illuminance_lux:
-            return light_of(entry)
-        return self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
+        cutoff_hz = self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
+        return light_of(cutoff_hz, entry.illuminance_lux)
 
     @cached_property
     def _lights(self) -> dict[str, float]:
@@ -165,8 +163,7 @@ class FinishedRun:
     @cached_property
     def verdicts_by_photoreceptor(self) -> dict[str, list[Verdict]]:
         """Return the verdicts with each photoreceptor, that of the page first."""
-        readings = {self.scores.photoreceptor: self.found, **self.others}
-        return judge_readings(self.config, readings, self.scaling)
+        return judge_readings(self.config, self.readings, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
         """Read a PNG or WebP file of the run as a data URL.

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from tasks.registry import TASKS
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores, beats
 from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label
 

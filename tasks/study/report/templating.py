@@ -12,7 +12,7 @@ from tasks.registry import TASKS
 from tasks.study.claims import verdict
 from tasks.study.report.sections import failures, matrix, scaling, threshold, timings, tradeoff
 from tasks.study.results import asked, comparison, perturbation, scores, words
-from tasks.study.results.bandwidth import capacities_hz
+from tasks.study.results.choice import capacities_hz
 from tasks.study.results.intervals import BRACKETS
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 

@@ -1,4 +1,5 @@
-"""Sensors, lights and speeds as a study gives them, by which conditions are sorted and named.
+"""What scores are sorted and named by: methods, and sensors, lights and speeds as a study gives
+them.
 
 A light in lux is its cutoff in Hz, and sorts among cutoffs. A speed in m/s equals no factor on the
 base speed, so it matches no condition of the paper, whose speeds are factors.
@@ -9,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from sensor.model import cutoff_in_light
-from tasks.row import Row
+from tasks.registry import TASKS
 
 
 class SensorId(NamedTuple):
@@ -26,6 +27,10 @@ class SensorId(NamedTuple):
         """Name of the sensor, or its width with the unit."""
         return self.name or f"{self.width} px"
 
+    def at(self, scene: str, cutoff_hz: float, speed: float) -> Condition:
+        """Return the condition of the sensor on a scene, in a light at a speed."""
+        return Condition(scene, self.width, cutoff_hz, speed, self.name)
+
 
 class OfSensor(Protocol):
     """What has the width of a sensor, px, and its name."""
@@ -35,16 +40,6 @@ class OfSensor(Protocol):
 
     @property
     def sensor(self) -> str: ...
-
-
-class InLight(Protocol):
-    """What has a cutoff, and an illuminance, 0 if the study does not give lux."""
-
-    @property
-    def cutoff_hz(self) -> float: ...
-
-    @property
-    def illuminance_lux(self) -> float: ...
 
 
 class CutoffInLux(float):
@@ -71,21 +66,51 @@ class MetersPerSecond(float):
         return hash((MetersPerSecond, float(self)))
 
 
+class Condition(NamedTuple):
+    """A scene and a sensor setting."""
+
+    scene: str
+    width: int  # px
+    cutoff_hz: float  # `CutoffInLux` where the study asks in lux
+    speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
+    sensor: str = ""  # its name; "" for a plain sensor
+
+
+class Series(NamedTuple):
+    """A method on a task with a metric. One table or one plot shows one series."""
+
+    task: str
+    method: str
+    metric: str
+    variant: str = ""  # variant of the task; "" is the usual one
+
+    @property
+    def title(self) -> str:
+        """Task, method and variant in words: "reconstruction by event integration"."""
+        return f"{TASKS[self.task].title} by {self.name}"
+
+    @property
+    def name(self) -> str:
+        """Method and variant in words."""
+        method = TASKS[self.task].label(self.method)
+        return f"{method}, {self.variant}" if self.variant else method
+
+    @property
+    def is_method(self) -> bool:
+        """Whether this estimates from events: not a baseline, and nothing that gets the truth."""
+        return TASKS[self.task].method(self.method).role == "method"
+
+
 def sensor_of(each: OfSensor) -> SensorId:
     """Return the sensor of a row, a condition, a picture or a histogram."""
     return SensorId(each.width, each.sensor)
 
 
-def light_of(each: InLight) -> float:
-    """Return the light of a row or a setting: its cutoff, as `CutoffInLux` if there is lux."""
-    return CutoffInLux(each.illuminance_lux) if each.illuminance_lux else each.cutoff_hz
+def light_of(cutoff_hz: float, illuminance_lux: float) -> float:
+    """Return a light: its cutoff, as `CutoffInLux` if there is lux."""
+    return CutoffInLux(illuminance_lux) if illuminance_lux else cutoff_hz
 
 
 def lux_of(light: float) -> float:
     """Return the illuminance of a light, 0 if it is not `CutoffInLux`."""
     return light.illuminance_lux if isinstance(light, CutoffInLux) else 0.0
-
-
-def speed_of(row: Row) -> float:
-    """Return the speed of a row: the factor on the base speed, or m/s if the study gives m/s."""
-    return MetersPerSecond(row.speed_m_s) if row.speed_m_s else row.speed

@@ -1,26 +1,22 @@
-"""Cells of a run's scores: one method under one condition, over all samples."""
+"""Cells of a run's scores: one method under one condition, over all samples.
+
+Every interval of a study uses their bootstrap medians over samples, paths and trainings.
+"""
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.results.bootstrap import effective_samples, resampled_medians
+from sensor.compiling import compiler
+from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL
 
-
-class Condition(NamedTuple):
-    """A scene and a sensor setting."""
-
-    scene: str
-    width: int  # px
-    cutoff_hz: float  # `CutoffInLux` where the study asks in lux
-    speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
-    sensor: str = ""  # its name; "" for a plain sensor
+DRAWS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +101,99 @@ class Cell:
         return self.resampled_of(self.values)
 
     @cached_property
-    def resampled_rates_hz(self) -> NDArray[np.float64]:
-        """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
-        return self.resampled_of(self.event_rates_hz)
+    def rates(self) -> Cell:
+        """The event rates of the whole sensor, events per second, in place of the scores."""
+        return replace(self, values=self.event_rates_hz)
 
     def resampled_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return medians of bootstrap draws of values in the order of the cell's, (draws,)."""
-        return resampled_medians(values, self.sample, self.training, self.scene, self.paths)
+        """Return medians over samples and trainings, both drawn with replacement.
+
+        A sample is drawn with all its values, because the values of one sample (features, trials)
+        share frames and events, and so is a training, because its values share weights. Of several
+        paths, which differ in the seeds of their scene, paths are drawn first, and samples within
+        each. The draws depend only on the scene and on the numbers of samples, paths and trainings,
+        so cells with the same samples have paired draws; those of trainings are the same for all
+        scenes.
+
+        Parameters
+        ----------
+        values
+            (N,) float64, finite, in the order of the cell's.
+
+        Returns
+        -------
+        (DRAWS,) float64
+            One median per draw.
+        """
+        order = np.argsort(values, kind="stable")
+        counts = _counts(self.scene, self.samples)
+        if self.paths[1:]:
+            counts = _clustered(self.scene, self.paths)
+        of_trainings = _counts("trainings", self.trainings)
+        held = np.zeros((self.samples, self.trainings), np.int64)  # values of each pair
+        np.add.at(held, (self.sample, self.training), 1)
+        totals = (counts @ held * of_trainings).sum(axis=1)
+        drawn = counts, of_trainings, totals
+        return _weighted_medians(values[order], self.sample[order], self.training[order], *drawn)
+
+
+def effective_samples(values: NDArray[np.float64], paths: tuple[int, ...] = ()) -> float:
+    """Return how many independent samples N samples are worth: N (1 - r) / (1 + r) of a path.
+
+    Parameters
+    ----------
+    values
+        (N,) float64, a value of each sample, in the order of the path. r is the correlation of
+        neighbors, at least 0.
+    paths
+        Number of samples on each path, one after the other; () for a single path.
+    """
+    if paths[1:]:
+        return sum(map(effective_samples, np.split(values, np.cumsum(paths[:-1]))))
+    if np.ptp(values) < LAST_BITS:
+        return 1.0
+    away = values - values.mean()
+    r = max(0.0, float(away[:-1] @ away[1:] / (away @ away)))
+    return max(1.0, len(values) * (1 - r) / (1 + r))
+
+
+@lru_cache(maxsize=64)
+def _counts(seed: str, things: int) -> NDArray[np.int64]:
+    """Return how often each draw contains each of some things, (DRAWS, things)."""
+    rng = np.random.default_rng([zlib.crc32(seed.encode(errors="surrogatepass")), things])
+    drawn = rng.integers(things, size=(DRAWS, things))
+    counts = np.zeros((DRAWS, things), np.int64)
+    np.add.at(counts, (np.arange(DRAWS)[:, None], drawn), 1)
+    return counts
+
+
+@lru_cache(maxsize=64)
+def _clustered(seed: str, paths: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return how often each draw of paths, and of samples within them, contains each sample."""
+    rng = np.random.default_rng([zlib.crc32(seed.encode(errors="surrogatepass")), *paths])
+    drawn = zip(paths, _counts(seed, len(paths)).T, strict=True)
+    return np.hstack([rng.multinomial(times * n, np.full(n, 1 / n)) for n, times in drawn])
+
+
+@compiler()
+def _weighted_medians(
+    values: NDArray[np.float64],  # (N,) ascending
+    sample: NDArray[np.int64],  # (N,)
+    training: NDArray[np.int64],  # (N,)
+    counts: NDArray[np.int64],  # (D, S) multiplicity of each sample in each draw
+    of_trainings: NDArray[np.int64],  # (D, T) and of each training
+    totals: NDArray[np.int64],  # (D,) values of each draw
+) -> NDArray[np.float64]:
+    medians = np.empty(counts.shape[0])
+    for draw in range(counts.shape[0]):
+        of_sample, of_training, total = counts[draw], of_trainings[draw], totals[draw]
+        below, i = of_sample[sample[0]] * of_training[training[0]], 0
+        while below <= (total - 1) // 2:
+            i += 1
+            below += of_sample[sample[i]] * of_training[training[i]]
+        lower = values[i]
+        while below <= total // 2:
+            i += 1
+            below += of_sample[sample[i]] * of_training[training[i]]
+        medians[draw] = 0.5 * (lower + values[i])
+    return medians

@@ -1,19 +1,25 @@
-"""Choose a sensor for a condition, from the scores of a run."""
+"""Choose a sensor for a condition, from the scores of a run.
+
+A study can have designs, which differ in the exponent of the area in a cutoff: names of their
+sensors end with it, as in "gen4 area^0.5".
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from tasks.metric import MIN_SAMPLES_FOR_INTERVAL, Metric
+from sensor.cameras import camera_names, find_camera
+from tasks.metric import Metric
 from tasks.registry import TASKS
-from tasks.study.results.asked import MetersPerSecond, SensorId
-from tasks.study.results.bandwidth import capacities_hz
-from tasks.study.results.cells import Cell, Condition
+from tasks.study.results.asked import MetersPerSecond, SensorId, Series
 from tasks.study.results.intervals import lead_over
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
+from tasks.study.results.words import BaseSpeeds, join_words, setting_label
+from tasks.study.sensors import AREA
+
+_MOST_TOLD = 6  # conditions in which the choices differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,18 @@ Choices = dict[tuple[str, float, float], Choice | None]
 """Choices by scene, cutoff in Hz and speed; None if a sensor lacks samples."""
 
 
+def capacities_hz(widest: float = math.inf) -> list[float]:
+    """Return the distinct bus capacities of real cameras up to a width, events/s, ascending."""
+    cameras = map(find_camera, camera_names())
+    narrow = [camera for camera in cameras if camera.width is not None and camera.width <= widest]
+    return sorted({camera.bus_hz for camera in narrow} - {math.inf})
+
+
+def usual_bus_hz(width: int) -> float:
+    """Return the capacity of the fastest bus of real cameras up to a width, events/s."""
+    return max(capacities_hz(width), default=min(capacities_hz()))
+
+
 def choose(
     scores: Scores,
     series: Series,
@@ -80,55 +98,49 @@ def choose(
     """
     metric = TASKS[series.task].metric
     sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
-    places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+    places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}
     cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
-    medians = known({sensor: cell.median for sensor, cell in cells.items()})
-    rates = known({sensor: cell.event_rate_hz for sensor, cell in cells.items()})
-    if len(medians) < len(cells):
-        return None
-    nothing = known({sensor: scores.baseline(series, at).median for sensor, at in places.items()})
-    printed = known({sensor: scores.published(series, at) for sensor, at in places.items()})
+    medians = {sensor: cell.median for sensor, cell in cells.items()}
+    nothing = {sensor: scores.baseline(series, at).median for sensor, at in places.items()}
     picked = pick(medians, nothing, metric)
+    if picked is None:
+        return None
+    rates = {s: hz for s, cell in cells.items() if (hz := cell.event_rate_hz) is not None}
     on_buses: dict[float, SensorId | None] = {}
     for capacity_hz in capacities_hz():
         carried = {s: median for s, median in medians.items() if rates[s] <= capacity_hz}
-        on_bus = pick(carried, nothing, metric) if carried else None
+        on_bus = pick(carried, nothing, metric)
         on_buses[capacity_hz] = on_bus.enough if on_bus and on_bus.worthwhile else None
     best = cells[picked.best]
     smaller = [s for s in cells if s.width < picked.enough.width and s in picked.gaining]
-    if best.samples < MIN_SAMPLES_FOR_INTERVAL:
-        smaller = []
-    tied = next((s for s in smaller if _tied(best, cells[s], metric.sign)), None)
-    paper = pick(printed, {}, metric).enough if len(printed) == len(medians) else None
+    lows = ((s, lead_over(best, cells[s], metric.sign).low) for s in smaller)
+    tied = next((s for s, low in lows if low is not None and low <= 0), None)
+    published = {sensor: scores.published(series, at) for sensor, at in places.items()}
+    papers = pick(published, {}, metric)
     rule = picked.best, picked.enough, picked.worthwhile, picked.gaining
-    return Choice(*rule, rates, tied, on_buses, paper)
-
-
-def known(values: Mapping[SensorId, float | None]) -> dict[SensorId, float]:
-    """Return the values that are not None."""
-    return {sensor: value for sensor, value in values.items() if value is not None}
+    return Choice(*rule, rates, tied, on_buses, papers.enough if papers else None)
 
 
 def pick(
-    medians: Mapping[SensorId, float], nothing: Mapping[SensorId, float], metric: Metric
-) -> Pick:
-    """Apply the rule to median scores."""
+    medians: Mapping[SensorId, float | None],
+    nothing: Mapping[SensorId, float | None],
+    metric: Metric,
+) -> Pick | None:
+    """Apply the rule to median scores; None if one is missing, or there are none."""
     sign = metric.sign
-    gains = {s: sign * (m - nothing[s]) if s in nothing else math.inf for s, m in medians.items()}
-    best = max(sorted(medians), key=lambda sensor: sign * medians[sensor])
+    scores = {sensor: sign * median for sensor, median in medians.items() if median is not None}
+    if not scores or len(scores) < len(medians):
+        return None
+    idle = {sensor: sign * median for sensor, median in nothing.items() if median is not None}
+    gains = {sensor: score - idle.get(sensor, -math.inf) for sensor, score in scores.items()}
+    best = max(sorted(scores), key=lambda sensor: scores[sensor])
     worthwhile = gains[best] > metric.negligible
-    near = [s for s, median in medians.items() if abs(medians[best] - median) <= metric.negligible]
+    near = [s for s, score in scores.items() if abs(scores[best] - score) <= metric.negligible]
     enough = min(
         (sensor for sensor in near if not worthwhile or gains[sensor] > 0),
-        key=lambda sensor: (sensor.width, -sign * medians[sensor], sensor.name),
+        key=lambda sensor: (sensor.width, -scores[sensor], sensor.name),
     )
     return Pick(best, enough, worthwhile, frozenset(s for s, gain in gains.items() if gain > 0))
-
-
-def _tied(best: Cell, other: Cell, sign: float) -> bool:
-    """Return whether the interval of the paired difference is not above zero."""
-    low = lead_over(best, other, sign).low
-    return low is None or low <= 0
 
 
 def choose_all(scores: Scores, series: Series, without: Collection[SensorId] = ()) -> Choices:
@@ -157,3 +169,48 @@ def answered(choices: Choices) -> list[tuple[float, float]]:
     slowest = min(speed for _, speed in common)
     lights = sorted((at for at in common if at[1] == slowest), reverse=True)
     return list(dict.fromkeys([*lights, min(common, key=lambda at: (at[0], -at[1]))]))
+
+
+def designs_of(sensors: Iterable[SensorId]) -> dict[str, list[SensorId]]:
+    """Return for each design, such as "area^0.5", the sensors of the others; a sensor without an
+    exponent in its name is in all. Empty if there are fewer than two."""
+    own = {sensor: sensor.name.partition(f" {AREA}")[2] for sensor in sensors}
+    names = sorted({*own.values()} - {""})
+    others = {AREA + name: [s for s, of in own.items() if of not in ("", name)] for name in names}
+    return others if len(names) > 1 else {}
+
+
+def width_in_design(sensor: SensorId) -> str:
+    """Return the name of a sensor without its design, or its width."""
+    return str(sensor).partition(f" {AREA}")[0]
+
+
+def exponents_text(scores: Scores, series: Iterable[Series], base: BaseSpeeds) -> list[str]:
+    """Say for each series in how many conditions the choice is the same for all designs."""
+    lines = []
+    for each in series:
+        designs = designs_of(scores.sensors(each))
+        if not designs:
+            continue
+        at = {name: choose_all(scores, each, others) for name, others in designs.items()}
+        first = next(iter(at.values()))
+        names_at = {where: [_name(chosen[where]) for chosen in at.values()] for where in first}
+        differing = {where: names for where, names in names_at.items() if len({*names}) > 1}
+        text = (
+            f"{each.title}: with {'; '.join(designs)}, the choice is the same in "
+            f"{len(names_at) - len(differing)} of {len(names_at)} conditions"
+        )
+        if len(differing) > _MOST_TOLD:
+            lines.append(f"{text}; the report shows all.")
+            continue
+        for (scene, cutoff_hz, speed), names in differing.items():
+            chosen = [f"{name} with {design}" for name, design in zip(names, at, strict=True)]
+            place = setting_label(scene, cutoff_hz, speed, base)
+            text += f"; {scene}, {place}: {join_words(chosen)}"
+        lines.append(f"{text}.")
+    return lines
+
+
+def _name(choice: Choice | None) -> str:
+    """Return the chosen sensor without its design."""
+    return "none" if choice is None or not choice.worthwhile else width_in_design(choice.enough)

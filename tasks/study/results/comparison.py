@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from tasks.registry import TASKS
-from tasks.study.results.asked import SensorId
-from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.choice import known, pick
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series
+from tasks.study.results.cells import Cell
+from tasks.study.results.choice import Pick, pick
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
 from tasks.study.results.words import MISSING, capitalized, rate_label, share_text
 
-_NATIVE, _RATE = "native px", "M/s"  # heads of columns
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Our median and the paper's in one place of a table."""
+    """Our median and the paper's in one place of a table.
+
+    Attributes
+    ----------
+    marks
+        How the columns "ours" and "paper" are printed: "bold" for the best of the sensors,
+        "underline" for the smallest that is enough, as in `Pick`, and "strike" if doing nothing is
+        as good. The first two are missing if a sensor is.
+    beats_nothing
+        None if either is missing.
+    """
 
     cell: Cell
-    paper: float | None
-    best: bool = False  # of the sensors in this column; False if one is missing
-    paper_best: bool = False
-    enough: bool = False  # smallest as good as the best, as in `Pick`; False if none is worthwhile
-    paper_enough: bool = False
-    beats_nothing: bool | None = None  # None if either is missing
+    paper: float | None = None
+    marks: Mapping[str, str] = field(default_factory=dict)
+    beats_nothing: bool | None = None
 
     @property
     def difference(self) -> float | None:
@@ -47,7 +51,7 @@ class Line:
     """
 
     sensor: SensorId | None
-    entries: tuple[Entry, ...]
+    entries: Sequence[Entry]
     contrast_threshold: float  # a camera may have its own
     nothing: bool = False
 
@@ -68,6 +72,7 @@ class Column:
     head: str
     kind: str  # "ours", "paper", "difference" or "rate"
     text: Callable[[Series, Entry, Line], str]
+    meaning: str = ""  # for the footnote
     in_terminal: bool = True  # a terminal of 80 columns lacks room for all columns
 
 
@@ -100,14 +105,10 @@ class ComparisonTable:
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {threshold:g}; "
-        share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
-        meanings = {_NATIVE: "pixels of the sensor", _RATE: "million events per second"}
-        if share is not None:
-            meanings[share.head] = share.meaning
-        heads = [column.head for column in columns]
-        notes = "".join(f"{head}: {meanings[head]}; " for head in heads if head in meanings)
+        notes = "".join(f"{one.head}: {one.meaning}; " for one in columns if one.meaning)
+        near = TASKS[self.series.task].metric.near
         return (
-            f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
+            f"{paper}bold: best of the column; underlined: the smallest within {near} of "
             f"it; struck out: no better than doing nothing; {notes}"
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )
@@ -121,10 +122,10 @@ class ComparisonTable:
             columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
             columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
         if TASKS[self.series.task].metric.reference_width_px is not None:
-            columns.append(Column(_NATIVE, "rate", _native, in_terminal=False))
+            columns += [Column("native px", "rate", _native, "pixels of the sensor", False)]
         if share is not None:
-            columns.append(Column(share.head, "rate", _share))
-        return [*columns, Column(_RATE, "rate", _rate, in_terminal=share is None)]
+            columns += [Column(share.head, "rate", _share, share.meaning)]
+        return [*columns, Column("M/s", "rate", _rate, "million events per second", share is None)]
 
 
 def main_tables(scores: Scores) -> list[ComparisonTable]:
@@ -161,60 +162,39 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    sensors = scores.sensors(series, scene)
-    columns, nothings = [], []
+    sensors, metric = scores.sensors(series, scene), TASKS[series.task].metric
+    ours: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
+    idle: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     for cutoff_hz in cutoffs_hz:
-        places = {s: Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors}
+        places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}
         cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}
         nothing = {sensor: scores.baseline(series, at) for sensor, at in places.items()}
         paper = {sensor: scores.published(series, at) for sensor, at in places.items()}
-        idle = known({sensor: cell.median for sensor, cell in nothing.items()})
-        best, enough = _picked({s: cell.median for s, cell in cells.items()}, idle, series)
-        paper_best, paper_enough = _picked(paper, {}, series)
-        columns.append(
-            [
-                Entry(
-                    cell=cells[sensor],
-                    paper=paper[sensor],
-                    best=sensor == best,
-                    paper_best=sensor == paper_best,
-                    enough=sensor == enough,
-                    paper_enough=sensor == paper_enough,
-                    beats_nothing=beats(cells[sensor], nothing[sensor], series),
-                )
-                for sensor in sensors
-            ]
-        )
-        nothings.append([Entry(cell, None) for cell in nothing.values()])
-
-    def line_of(i: int, columns: list[list[Entry]], nothing: bool) -> Line:
-        entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[sensors[i]]
-        return Line(sensors[i], entries, threshold, nothing)
-
-    lines = [line_of(i, columns, nothing=False) for i in range(len(sensors))]
-    if all(_same([entry.cell.median for entry in column]) for column in nothings):
-        of_all = tuple(column[0] for column in nothings)
-        idle_lines = [Line(None, of_all, scores.contrast_threshold, nothing=True)]
-    else:
-        idle_lines = [line_of(i, nothings, nothing=True) for i in range(len(sensors))]
+        medians, idle_medians = ({s: c.median for s, c in of.items()} for of in (cells, nothing))
+        picked, papers = pick(medians, idle_medians, metric), pick(paper, {}, metric)
+        for s in sensors:
+            beaten = beats(cells[s], nothing[s], series)
+            marks = {"ours": _marks(s, picked, beaten is False), "paper": _marks(s, papers)}
+            ours[s].append(Entry(cells[s], paper[s], marks, beaten))
+            idle[s].append(Entry(nothing[s]))
+    of_each = scores.contrast_thresholds
+    lines = [Line(s, entries, of_each[s]) for s, entries in ours.items()]
+    idle_lines = [Line(s, entries, of_each[s], nothing=True) for s, entries in idle.items()]
+    if all(map(_same, zip(*idle.values(), strict=True))):
+        idle_lines = [Line(None, idle[sensors[0]], scores.contrast_threshold, nothing=True)]
     return Block(scene, speed, (*lines, *idle_lines))
 
 
-def _same(values: list[float | None]) -> bool:
-    numbers = [value for value in values if value is not None]
+def _same(entries: Sequence[Entry]) -> bool:
+    numbers = [entry.cell.median for entry in entries if entry.cell.median is not None]
     close = all(math.isclose(value, numbers[0], rel_tol=1e-6) for value in numbers)
-    return close and len(numbers) in (0, len(values))
+    return close and len(numbers) in (0, len(entries))
 
 
-def _picked(
-    values: Mapping[SensorId, float | None], nothing: Mapping[SensorId, float], series: Series
-) -> tuple[SensorId | None, SensorId | None]:
-    """Return the best sensor and the smallest that is enough; None if a value is missing."""
-    medians = known(values)
-    if len(medians) < len(values):
-        return None, None
-    picked = pick(medians, nothing, TASKS[series.task].metric)
-    return picked.best, picked.enough if picked.worthwhile else None
+def _marks(sensor: SensorId, picked: Pick | None, idle: bool = False) -> str:
+    best = picked is not None and sensor == picked.best
+    enough = picked is not None and picked.worthwhile and sensor == picked.enough
+    return " ".join(["bold"] * best + ["underline"] * enough + ["strike"] * idle)
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
-from tasks.study.results.bootstrap import effective_samples
-from tasks.study.results.cells import Cell
+from tasks.study.results.cells import Cell, effective_samples
 
 TAILS = (0.025, 0.025)
 """Shares of the bootstrap draws below and above a 95 % interval."""
@@ -95,14 +94,11 @@ class Medians(Generic[Key]):
 
     cells: Mapping[Key, Cell]
     sign: float = 1.0
-    of_rates: bool = False
     drawn: bool = False
 
     def __getitem__(self, key: Key) -> NDArray[np.float64]:
-        if not self.drawn:
-            return np.asarray(np.median(self._values(key)))
         cell = self.cells[key]
-        return self.sign * (cell.resampled_rates_hz if self.of_rates else cell.resampled)
+        return np.asarray(self.sign * (cell.resampled if self.drawn else np.median(cell.values)))
 
     def of(
         self, each: Callable[[Values[Key]], NDArray[np.float64]], keys: Sequence[Key]
@@ -114,7 +110,7 @@ class Medians(Generic[Key]):
         each
             Function of the values, (N,) each, to (N,).
         """
-        values = each({key: self._values(key) for key in keys})
+        values = each({key: self.sign * self.cells[key].values for key in keys})
         if not self.drawn:
             return np.asarray(np.median(values))
         cell = max((self.cells[key] for key in keys), key=lambda cell: cell.trainings)
@@ -124,16 +120,11 @@ class Medians(Generic[Key]):
         """Return the median of the differences between the values of two cells."""
         return self.of(lambda values: values[key] - values[other], (key, other))
 
-    def _values(self, key: Key) -> NDArray[np.float64]:
-        cell = self.cells[key]
-        return self.sign * (cell.event_rates_hz if self.of_rates else cell.values)
-
 
 def estimate(
     statistic: Callable[[Medians[Key]], NDArray[np.float64]],
     *scenes: Mapping[Key, Cell],
     sign: float = 1.0,
-    of_rates: bool = False,
     tails: tuple[float, float] = TAILS,
 ) -> Interval:
     """Evaluate a statistic of medians, with its bootstrap interval over samples and trainings.
@@ -157,7 +148,7 @@ def estimate(
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
-        each = [statistic(Medians(cells, sign, of_rates, drawn)) for cells in scenes]
+        each = [statistic(Medians(cells, sign, drawn)) for cells in scenes]
         mean_of_all = np.mean(each, axis=0)
         return np.where(np.abs(mean_of_all) < LAST_BITS, 0.0, mean_of_all)
 
@@ -180,7 +171,7 @@ def estimate(
                 {key: cell.of_sample(start, count) for key, cell in cells.items()}
                 for start, count in zip(starts, counts, strict=True)
             ]
-            return [float(statistic(Medians(part, sign, of_rates))) for part in parts]
+            return [float(statistic(Medians(part, sign))) for part in parts]
 
         n = effective_samples(np.array(of_parts([1] * first.samples)), first.paths)
         worth, samples = worth + n, samples + (first.samples if n > 1 else n)

@@ -33,10 +33,6 @@ The heads of the pose table (`tab:pose_tracking`) are 1.2, 1.6 and 2.4 m/s for b
 text gives 0.9, 1.2 and 1.8 m/s for the same carpet numbers. We read the columns as factors.
 """
 
-IDEAL_MARGIN_IN_CAPTION_DB = 0.1
-"""Margin of the highest resolution in ideal light, from the caption of `tab:app:image_recons_ei`
-("~0.1 dB"); the table itself contradicts it."""
-
 _TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["table"]
 _Key = tuple[str, str, str, int, float, float]
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.registry import TASKS, sigma_mm
-from tasks.study.results.asked import SensorId, sensor_of
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series, sensor_of
 from tasks.study.results.scores import Scores, base_speed
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
@@ -76,5 +75,5 @@ def shown_series(scores: Scores) -> list[Series]:
 
 def is_main(series: Series) -> bool:
     """Return whether a series is a method of the paper, or a user's own."""
-    usual = series._replace(variant="") if sigma_mm(series.variant) is not None else series
-    return usual.of_paper
+    usual = not series.variant or sigma_mm(series.variant) is not None
+    return usual and series.is_method and not TASKS[series.task].method(series.method).ours

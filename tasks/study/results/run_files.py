@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -71,22 +72,14 @@ def _check_joined(
     config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
 ) -> None:
     """Refuse to join a run with another one that does not differ in weights, or in more."""
-    weights, settings = _divided(config)
-    other_weights, other_settings = _divided(of_other)
-    if config.get("jobs") == of_other.get("jobs") or weights == other_weights:
+    decides_nothing = "name", "question", "jobs"
+    every = differences(config, of_other)
+    differing = [one for one in every if one[0].partition(".")[0] not in decides_nothing]
+    others = [one for one in differing if not re.match(r"evaluate\.[^.]+\.weights\b", one[0])]
+    if config.get("jobs") == of_other.get("jobs") or len(others) == len(differing):
         raise ResultError(f"{file}: same weights as {other}; joined runs must differ in weights")
-    for name, here, expected in differences(settings, other_settings):
+    for name, here, expected in others:
         raise ResultError(
             f"{file}: {name}: found {here!r}, but {expected!r} in {other}; joined runs may differ "
             "only in the weights of networks"
         )
-
-
-def _divided(config: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the weights of each task of a run, and what else decides its rows."""
-    evaluate = config.get("evaluate", {})
-    tasks = {name: {**task} for name, task in evaluate.items() if isinstance(task, dict)}
-    weights = {name: task.pop("weights", None) for name, task in tasks.items()}
-    left_out = "name", "question", "jobs"
-    settings = {name: value for name, value in config.items() if name not in left_out}
-    return weights, settings | {"evaluate": evaluate | tasks}

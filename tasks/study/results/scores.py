@@ -9,8 +9,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
-from functools import cache
-from typing import Any, TypeVar
+from functools import cache, partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,9 +18,15 @@ from eres_render.scene.scene import name_and_seed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
-from tasks.study.results.asked import MetersPerSecond, SensorId, light_of, sensor_of, speed_of
-from tasks.study.results.cells import Cell, Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import (
+    Condition,
+    MetersPerSecond,
+    SensorId,
+    Series,
+    light_of,
+    sensor_of,
+)
+from tasks.study.results.cells import Cell
 from tasks.study.results.paper import (
     CONTRAST_THRESHOLD,
     CUTOFFS_HZ,
@@ -40,25 +46,12 @@ def by_photoreceptor(
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
     """
     groups = _divided(rows, lambda row: row.reading)
-    return {
-        name: by_threshold(groups[name], square=square, trainings=trainings, photoreceptor=name)
-        for name in sorted(groups, key=lambda name: name != "two_pole")
-    }
-
-
-def by_threshold(
-    rows: Iterable[Row],
-    *,
-    square: bool = True,
-    trainings: int = 1,
-    photoreceptor: str | None = None,
-) -> list[Scores]:
-    """Return the scores of each contrast threshold of one photoreceptor."""
-    settings: dict[str, Any] = {"square": square, "trainings": trainings}
-    return [
-        Scores(group, **settings, contrast_threshold=threshold, photoreceptor=photoreceptor)
-        for threshold, group in _divided(rows, lambda row: row.contrast_threshold).items()
-    ]
+    found = {}
+    for name in sorted(groups, key=lambda name: name != "two_pole"):
+        scores = partial(Scores, square=square, trainings=trainings, photoreceptor=name)
+        thresholds = _divided(groups[name], lambda row: row.contrast_threshold)
+        found[name] = [scores(of_one, contrast_threshold=C) for C, of_one in thresholds.items()]
+    return found
 
 
 def _divided(rows: Iterable[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -141,21 +134,19 @@ class Scores:
         lights = {where.cutoff_hz for conditions in self._rows.values() for where in conditions}
         plain = square and not self.buses_hz and lights <= {*CUTOFFS_HZ}
         self.asks_as_paper = plain and self.contrast_thresholds.keys() <= {*map(SensorId, WIDTHS)}
-        self._expected = self._expected_items()
-        self._cells: dict[tuple[Series, Condition], Cell] = {}
-        self._baselines: dict[tuple[Series, Condition], Cell] = {}
+        self._expected, self._cell = cache(self._expected_items), cache(self._cell_of)
 
-    def _expected_items(self) -> dict[tuple[Series, str], list[_Item]]:
+    def _expected_items(self, series: Series, scene: str) -> list[_Item]:
         """Return every item that a complete cell of a series has on a scene."""
-        expected: dict[tuple[Series, str], set[_Item]] = {}
-        for series, conditions in self._rows.items():
-            for condition, values in conditions.items():
-                expected.setdefault((series, condition.scene), set()).update(
-                    (seed, sample, item // self._trainings * self._trainings + training)
-                    for seed, sample, item in values
-                    for training in range(self._trainings)
-                )
-        return {key: sorted(items) for key, items in expected.items()}
+        found = {item for at in self.conditions(series, scene) for item in self._rows[series][at]}
+        trainings = self._trainings
+        return sorted(
+            {
+                (seed, sample, item // trainings * trainings + training)
+                for seed, sample, item in found
+                for training in range(trainings)
+            }
+        )
 
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
@@ -190,27 +181,19 @@ class Scores:
 
     def cell(self, series: Series, condition: Condition) -> Cell:
         """Return one cell."""
-        key = series, condition
-        if key not in self._cells:
-            rows = self._rows.get(series, {}).get(condition, {})
-            self._cells[key] = self._cell_of(rows, series, condition.scene)
-        return self._cells[key]
+        return self._cell(series, condition, False)
 
     def samples(self, series: Series, scene: str) -> int:
         """Return how many samples a complete cell has."""
-        return len({item[:2] for item in self._expected.get((series, scene), ())})
+        return len({item[:2] for item in self._expected(series, scene)})
 
     def seeds(self, series: Series, scene: str) -> int:
         """Return how many seeds of a scene a complete cell has."""
-        return len({seed for seed, *_ in self._expected.get((series, scene), ())})
+        return len({seed for seed, *_ in self._expected(series, scene)})
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`."""
-        key = series, condition
-        if key not in self._baselines:
-            rows = self._nothing(series, condition)
-            self._baselines[key] = self._cell_of(rows, series, condition.scene)
-        return self._baselines[key]
+        return self._cell(series, condition, True)
 
     def published(self, series: Series, condition: Condition) -> float | None:
         """Return the paper's score under a condition.
@@ -251,15 +234,17 @@ class Scores:
                     return values
         return {}
 
-    def _cell_of(self, rows: _Values, series: Series, scene: str) -> Cell:
-        expected = self._expected.get((series, scene), [])
+    def _cell_of(self, series: Series, condition: Condition, nothing: bool) -> Cell:
+        answers = self._rows.get(series, {}).get(condition, {})
+        rows = self._nothing(series, condition) if nothing else answers
+        expected = self._expected(series, condition.scene)
         keys = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
         finite = [rows[key] for key in keys]
         index = {at: i for i, at in enumerate(sorted({key[:2] for key in keys}))}
         # Joined runs repeat methods without weights; only networks differ between trainings.
         trainings = self._trainings if series.method in TASKS[series.task].networks else 1
         return Cell(
-            scene=scene,
+            scene=condition.scene,
             values=np.array([row.value for row in finite], dtype=np.float64),
             event_rates_hz=np.array([row.event_rate_hz for row in finite], dtype=np.float64),
             failed=np.array([row.failure != "" for row in finite], dtype=np.bool_),
@@ -282,7 +267,9 @@ def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
     for row in rows:
         key = (row.task, row.method, row.metric, row.variant)
         scene, seed = named(row.scene)
-        where = (scene, row.width, light_of(row), speed_of(row), row.sensor)
+        light = light_of(row.cutoff_hz, row.illuminance_lux)
+        speed = MetersPerSecond(row.speed_m_s) if row.speed_m_s else row.speed
+        where = (scene, row.width, light, speed, row.sensor)
         values = of_cell.get(key + where)
         if values is None:
             _check_known(row)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
@@ -53,18 +54,21 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     return f"{fast:.2g} m/s" if fast < 10 else f"{fast:.0f} m/s"
 
 
+def setting_label(scene: str, cutoff_hz: float, speed: float, base: BaseSpeeds) -> str:
+    """Name a light and a speed, as in "day, 0.9 m/s"."""
+    return f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, base)}"
+
+
 def distances_label(distances_m: Mapping[str, float]) -> str:
     """List distances of cameras, m, by scene."""
     return ", ".join(f"{scene} {distance_m:.3g} m" for scene, distance_m in distances_m.items())
 
 
 def photoreceptor_label(photoreceptor: str) -> str:
-    """Name a photoreceptor, or the emulation in its place, in words."""
+    """Name a photoreceptor in words, or the program in its place, such as "v2e-A-1px"."""
     words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "v2e's limit for small steps"}
-    if photoreceptor in words:
-        return words[photoreceptor]
-    program, version, step = photoreceptor.split("-")
-    return f"{program} {version}, {step.removesuffix('px')} px a frame"
+    program = re.sub("-(.+)-(.+)px", r" \1, \2 px a frame", photoreceptor)
+    return words.get(photoreceptor, program)
 
 
 def rate_label(event_rate_hz: float | None) -> str:

@@ -7,9 +7,7 @@ import numpy as np
 from tasks.registry import TASKS, sigma_mm
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
-from tasks.study.results.asked import SensorId
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.perturbation import TRACKING, sweep
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import MISSING, share_text
@@ -27,8 +25,7 @@ def sweep_table(scores: Scores, sigmas: list[Series], scene: str) -> Table:
     metric, sensors = TASKS[sigmas[0].task].metric, scores.sensors(sigmas[0])
 
     def text(series: Series, of: SensorId, cutoff_hz: float) -> Text:
-        where = Condition(scene, of.width, cutoff_hz, base_speed(scores, series), of.name)
-        cell = scores.cell(series, where)
+        cell = scores.cell(series, of.at(scene, cutoff_hz, base_speed(scores, series)))
         if cell.median is None or cell.failure_share is None:
             return Text(MISSING)
         error = f"{metric.text(cell.median)} {metric.unit}"
@@ -61,8 +58,8 @@ def sweep_plot(scores: Scores, sigmas: list[Series], name: str) -> Plot:
 def _success_line(scores: Scores, sigmas: list[Series], of: SensorId, cutoff_hz: float) -> Line:
     points = []
     for series in sigmas:
-        at = of.width, cutoff_hz, base_speed(scores, series), of.name
-        cells = [scores.cell(series, Condition(scene, *at)) for scene in scores.scenes(series)]
+        at = cutoff_hz, base_speed(scores, series)
+        cells = [scores.cell(series, of.at(scene, *at)) for scene in scores.scenes(series)]
         failed = [cell.failed for cell in cells if cell.complete]
         sigma = sigma_mm(series.variant)
         if failed and sigma is not None:

@@ -10,19 +10,16 @@ from typing import NamedTuple
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
-from tasks.study.results.asked import SensorId
-from tasks.study.results.bandwidth import capacities_hz
-from tasks.study.results.choice import choose
-from tasks.study.results.exponents import designs_of, width_in_design
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series
+from tasks.study.results.choice import capacities_hz, choose, designs_of, width_in_design
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import (
     MISSING,
     capitalized,
-    cutoff_label,
     join_words,
     rate_label,
+    setting_label,
     speed_label,
 )
 
@@ -134,7 +131,7 @@ def _answer(
     others: Sequence[SensorId],
 ) -> Answer:
     scene, cutoff_hz, speed = at
-    where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
+    where = setting_label(scene, cutoff_hz, speed, run.base_speeds)
     choice = choose(run.scores, series, *at, others)
     if choice is None:
         asked = any((c.scene, c.cutoff_hz, c.speed) == at for c in run.scores.conditions(series))

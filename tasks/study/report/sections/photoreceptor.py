@@ -2,21 +2,69 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sensor.model import PHOTORECEPTORS
 from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
-from tasks.study.results.choice import Choice
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import SensorId, Series
+from tasks.study.results.choice import Choice, choose
+from tasks.study.results.intervals import Interval, lead_over
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.photoreceptors import Lead, leads
-from tasks.study.results.words import (
-    MISSING,
-    capitalized,
-    cutoff_label,
-    photoreceptor_label,
-    speed_label,
-)
+from tasks.study.results.scores import Scores
+from tasks.study.results.words import MISSING, capitalized, photoreceptor_label, setting_label
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """How much better the finest sensor is than the finest of a smaller width, with each
+    photoreceptor.
+
+    Attributes
+    ----------
+    paper
+        The paper's lead; None if it lacks one of the two.
+    """
+
+    scene: str
+    cutoff_hz: float
+    speed: float
+    sensors: tuple[SensorId, SensorId]
+    found: Mapping[str, Interval | None]
+    choices: Mapping[str, Choice | None]
+    paper: float | None
+
+
+def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
+    """Return the leads of a series in every light but the ideal, where photoreceptors are equal;
+    with v2e's program, whose times are its own, in that too."""
+    first = next(iter(readings.values()))
+    sensors = first.sensors(series)
+    coarser = [sensor for sensor in sensors if sensor.width < sensors[-1].width]
+    if not coarser:
+        return []
+    pair = sensors[-1], coarser[-1]
+    sign = TASKS[series.task].metric.sign
+    conditions = dict.fromkeys(at[:1] + at[2:4] for at in first.conditions(series))
+    every = []
+    for scene, cutoff_hz, speed in conditions:
+        if math.isinf(cutoff_hz) and readings.keys() <= {*PHOTORECEPTORS}:
+            continue
+        places = [s.at(scene, cutoff_hz, speed) for s in pair]
+        intervals: dict[str, Interval | None] = {}
+        for name, scores in readings.items():
+            ours = [scores.cell(series, at) for at in places]
+            complete = all(cell.complete for cell in ours)
+            intervals[name] = lead_over(ours[0], ours[1], sign) if complete else None
+        choices = {n: choose(s, series, scene, cutoff_hz, speed) for n, s in readings.items()}
+        fine, coarse = (first.published(series, at) for at in places)
+        paper = None if fine is None or coarse is None else sign * (fine - coarse)
+        every.append(Lead(scene, cutoff_hz, speed, pair, intervals, choices, paper))
+    return every
 
 
 def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
@@ -35,8 +83,7 @@ def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
     """
     if not run.others:
         return None
-    readings = {run.scores.photoreceptor: run.scores}
-    readings |= {name: scores[0] for name, scores in run.others.items()}
+    readings = run.readings
     names = [photoreceptor_label(name) for name in readings]
     heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
     tables = [
@@ -49,7 +96,7 @@ def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
         for of_claim in changed_verdicts(run.verdicts_by_photoreceptor)
     }
     verdicts = Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})
-    programs = any(name.startswith("v2e-") for name in readings)
+    programs = not readings.keys() <= {*PHOTORECEPTORS}
     return {"names": names, "tables": tables, "verdicts": verdicts, "programs": programs}
 
 
@@ -65,8 +112,7 @@ def _table(series: Series, of_series: list[Lead], heads: list[Text], run: Finish
             for interval, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        speed = speed_label(lead.scene, lead.speed, run.base_speeds)
-        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
+        head = Text(setting_label(lead.scene, lead.cutoff_hz, lead.speed, run.base_speeds))
         rows = blocks.setdefault(Text(lead.scene), {})
         if head in rows:  # speeds that differ by less than their digits
             head = head._replace(small=f"{lead.speed:g} times the base speed")

@@ -7,29 +7,24 @@ from collections.abc import Mapping, Sequence
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Rows, Table, Text, score_text
-from tasks.study.results.asked import MetersPerSecond, SensorId
-from tasks.study.results.cells import Condition
-from tasks.study.results.metrics import Series
-from tasks.study.results.paper_slider import (
-    NOTHING_MM,
-    SIZES_PX,
-    SPEEDS_M_PER_S,
-    slider_scores,
-    worse_than_nothing,
-)
+from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
-    BASE_SPEED_M_PER_S,
+    FACTORS,
     FIELD_PX,
+    NOTHING_MM,
     PRINTS,
+    SIZES_PX,
+    SPEEDS_M_PER_S,
     distance_label,
     is_of_slider,
     light_label,
+    slider_scores,
+    worse_than_nothing,
 )
 from tasks.study.results.words import MISSING
 
 _WIDTHS = [width for width, _ in FIELD_PX]
-_FACTORS = {speed: round(speed / BASE_SPEED_M_PER_S, 9) for speed in SPEEDS_M_PER_S}
 
 _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
 
@@ -45,14 +40,16 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
         How many of the paper's 9 position errors at the highest speed are larger than that of its
         initial path, and the error of that path, mm.
     """
-    scores = run.scores
+    scores, papers = run.scores, slider_scores()
+    ours = [s for s in scores.series() if s[:2] in papers and _measured(scores, s)]
+    if not (ours and is_of_slider(run.config)):
+        return None
     pairs = [
         (series, paper)
-        for task_method, paper in _paper().items()
-        for series in _series(scores, *task_method)
+        for (task, method), paper in papers.items()
+        for series in [series for series in ours if series[:2] == (task, method)]
+        or [Series(task, method, TASKS[task].metric.name)]
     ]
-    if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
-        return None
     return {
         "wins": _wins(scores, pairs),
         "tables": {series.title: _table(scores, series, paper) for series, paper in pairs},
@@ -61,28 +58,10 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
     }
 
 
-def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
-    """Return the paper's scores by task and method, then by print and speed, from far to near."""
-    methods: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
-    for score in slider_scores():
-        of_method = methods.setdefault((score.task, score.method), {})
-        of_method.setdefault((score.picture, score.speed_m_per_s), []).append(score.value)
-    return methods
-
-
-def _series(scores: Scores, task: str, method: str) -> list[Series]:
-    """Return a method's series of all variants; one without scores if it was not run."""
-    usual = Series(task, method, TASKS[task].metric.name)
-    variants = [series for series in scores.series() if series[:2] == usual[:2]]
-    return [series for series in variants if _measured(scores, series)] or [usual]
-
-
 def _measured(scores: Scores, series: Series) -> bool:
-    of_slider = {*map(SensorId, _WIDTHS)} & {*scores.sensors(series)}
-    at_its_speeds = {*_FACTORS.values()} & {
-        round(speed, 9) for speed in scores.speeds(series) if not isinstance(speed, MetersPerSecond)
-    }
-    return bool(of_slider and at_its_speeds and set(PRINTS) & set(scores.scenes(series)))
+    places = {(name, width, v) for name in PRINTS for width in _WIDTHS for v in FACTORS.values()}
+    found = {(at.scene, at.width, at.speed) for at in scores.conditions(series) if not at.sensor}
+    return not places.isdisjoint(found)
 
 
 def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
@@ -90,7 +69,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     metric = TASKS[series.task].metric
     blocks: dict[Text, Rows] = {}
     for scene in PRINTS:
-        for speed, factor in _FACTORS.items():
+        for speed, factor in FACTORS.items():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
             fields = zip(paper[scene, speed], SIZES_PX[scene], strict=True)
             rows = {Text("paper"): [_paper_text(series, v, width) for v, (width, _) in fields]}
@@ -121,10 +100,10 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
     for series, paper in pairs:
-        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in _FACTORS]}
+        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in FACTORS]}
         for hz in scores.cutoffs_hz(series):
             rows[Text(light_label(hz))] = []
-            for speed in _FACTORS.values():
+            for speed in FACTORS.values():
                 places = [[Condition(s, w, hz, speed) for w in _WIDTHS] for s in PRINTS]
                 medians = [
                     [scores.cell(series, at).median for at in of_print] for of_print in places

@@ -8,18 +8,16 @@ from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, sensor_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
-from tasks.study.results.asked import sensor_of
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series, sensor_of
 from tasks.study.results.choice import choose
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores, base_speed
-from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
+from tasks.study.results.words import MISSING, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
 
 
 def compare_thresholds(
-    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds
 ) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
@@ -38,7 +36,7 @@ def compare_thresholds(
         choices: dict[Text, list[Text]] = {}
         blocks: dict[Text, Rows] = {}
         for hz in first.cutoffs_hz(series):
-            where = [Condition(scene, s.width, hz, speed, s.name) for s in sensors]
+            where = [s.at(scene, hz, speed) for s in sensors]
             points = [[score_point(s, series, at, base) for s in ascending] for at in where]
             light = cutoff_text(hz)
             panels.append(Panel(*light[:2], [Line([*filter(None, line)]) for line in points]))
@@ -61,7 +59,7 @@ def compare_thresholds(
 
 
 def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float) -> Text:
-    choice = choose(scores, series, scene, cutoff_hz, speed) if scores.sensors(series) else None
+    choice = choose(scores, series, scene, cutoff_hz, speed)
     if choice is None:
         return Text(MISSING, "samples are missing")
     tied = f"tied {choice.tied}" if choice.tied and choice.worthwhile else ""

@@ -9,8 +9,7 @@ import numpy as np
 from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.registry import TASKS
 from tasks.study.report.table import Table, Text
-from tasks.study.results.asked import sensor_of
-from tasks.study.results.metrics import Series
+from tasks.study.results.asked import Series, sensor_of
 from tasks.study.results.words import MISSING
 
 

@@ -7,23 +7,14 @@ from collections.abc import Sequence
 from tasks.registry import TASKS
 from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import cutoff_text
-from tasks.study.results.asked import sensor_of
-from tasks.study.results.cells import Condition
+from tasks.study.results.asked import Condition, Series, sensor_of
 from tasks.study.results.intervals import estimate
-from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import (
-    PACKAGED,
-    BaseSpeeds,
-    cutoff_label,
-    rate_label,
-    share_text,
-    speed_label,
-)
+from tasks.study.results.words import BaseSpeeds, rate_label, setting_label, share_text
 
 
 def tradeoff_plots(
-    scores: Scores, series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+    scores: Scores, series: Series, bus_hz: float, base: BaseSpeeds
 ) -> dict[str, Plot]:
     """Plot one series: a panel per cutoff, a point per condition that has all samples.
 
@@ -68,10 +59,7 @@ def score_plot(
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
     lines, baselines = [], set()
     for sensor in scores.sensors(series, scene):
-        where = [
-            Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
-            for speed in scores.speeds(series, scene)
-        ]
+        where = [sensor.at(scene, cutoff_hz, speed) for speed in scores.speeds(series, scene)]
         lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
@@ -83,9 +71,7 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: B
     return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
 
 
-def score_point(
-    scores: Scores, series: Series, where: Condition, base: BaseSpeeds = PACKAGED
-) -> Point | None:
+def score_point(scores: Scores, series: Series, where: Condition, base: BaseSpeeds) -> Point | None:
     """Make one point."""
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
@@ -94,7 +80,7 @@ def score_point(
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
         sensor_of(where).label,
-        f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
+        setting_label(where.scene, where.cutoff_hz, where.speed, base),
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
     ]
