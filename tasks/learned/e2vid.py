@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +14,7 @@ from torch.nn import functional
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
+from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 
 ARCHITECTURE = "E2VIDRecurrent"
@@ -133,8 +131,8 @@ def load(file: Path) -> E2vidNetwork:
     Parameters
     ----------
     file
-        A checkpoint as published: a table with `arch`, `state_dict` and, under `model` or under
-        `config`, the options.
+        A checkpoint as published: a table with `arch` and `state_dict`. The options are those of
+        the weights.
     """
     content = read_checkpoint(file)
     if not isinstance(content, Mapping) or "state_dict" not in content:
@@ -142,9 +140,7 @@ def load(file: Path) -> E2vidNetwork:
     if content.get("arch", ARCHITECTURE) != ARCHITECTURE:
         raise WeightsError(f"{file}: arch: found {content['arch']!r}, expected {ARCHITECTURE!r}")
     state = tensors_of(content["state_dict"], file)
-    options = options_of(state, file)
-    _check_options(content, options, file)
-    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options), state, file))
+    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options_of(state, file)), state, file))
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
@@ -164,7 +160,7 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
         norm = "BN" if f"{_ROOT}encoders.0.conv.norm_layer.weight" in state else "IN"
     is_lstm = f"{_ROOT}encoders.0.recurrent_block.Gates.weight" in state
     return E2vidOptions(
-        num_bins=check_bins(bins, file),
+        num_bins=bins,
         skip_type="concat" if pred.shape[1] == 2 * base else "sum",
         recurrent_block_type="convlstm" if is_lstm else "convgru",
         num_encoders=encoders,
@@ -173,21 +169,3 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
         norm=norm,
         use_upsample_conv=f"{_ROOT}decoders.0.conv2d.weight" in state,
     )
-
-
-def _check_options(content: Mapping[str, Any], options: E2vidOptions, file: Path) -> None:
-    """Check that the options in a file, if it has some, match its weights."""
-    config = content.get("config")
-    inner = config.get("model") if isinstance(config, Mapping) else None
-    stored = content.get("model", inner)
-    if not isinstance(stored, Mapping):
-        return
-    for field in fields(E2vidOptions):
-        default = None if field.default is MISSING else field.default
-        value, expected = stored.get(field.name, default), getattr(options, field.name)
-        if field.name == "norm" and value not in ("BN", "IN"):
-            value = None  # any other word means none
-        if isinstance(value, Tensor) or value != expected:
-            raise WeightsError(
-                f"{file}: {field.name}: found {value!r}, expected {expected!r}, as in the weights"
-            )

@@ -52,14 +52,13 @@ def save(
 
 def _reconstruction(file: Path, light: str) -> OurReconstructionNetwork:
     state = _weights(file, RECONSTRUCTION, light)
-    options = options_of(state, file)
-    checkpoint.check_bins(options.num_bins - len(DECAYS), file)
-    network = checkpoint.with_weights(partial(E2VIDRecurrent, options), state, file)
+    make = partial(E2VIDRecurrent, options_of(state, file))
+    network = checkpoint.with_weights(make, state, file)
     return OurReconstructionNetwork(network, "our reconstruction")
 
 
 def _flow(file: Path, light: str) -> ERaft:
-    return eraft_of(_weights(file, FLOW, light), file, (1, 2, 4, 8, 16), "our flow")
+    return eraft_of(_weights(file, FLOW, light), file, "our flow")
 
 
 # Each reads a file that `save` wrote, and raises `WeightsError` if it cannot be read or is of
