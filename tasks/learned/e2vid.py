@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from tasks.errors import WeightsError
@@ -30,14 +30,12 @@ class E2vidNetwork:
     """E2VID with its weights."""
 
     normalized = True
+    _padding = "reflect"
 
     def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
         self._network, self._name = network.eval(), name
-
-    @property
-    def bins(self) -> int:
-        """Bins of the voxel grids."""
-        return self._network.options.num_bins
+        self.bins = network.options.num_bins
+        self._multiple = 2**network.options.num_encoders
 
     def check_size(self, width: int, height: int) -> None:
         """Check that the network can run on a sensor.
@@ -48,15 +46,6 @@ class E2vidNetwork:
             Size of the sensor, px.
         """
         options = self._network.options
-        multiple, side, expected = 2**options.num_encoders, min(width, height), ""
-        if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
-            expected = f"at least {(multiple + 4) // 3} px on each side"
-        elif options.norm == "IN" and max(width, height) <= multiple:
-            expected = f"more than {multiple} px on at least one side, to normalize the image"
-        if expected:
-            raise WeightsError(
-                f"{self._name}: found a sensor of {width}x{height} px, expected {expected}"
-            )
         is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
         per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
         needed = per_channel * options.base_num_channels * width * height
@@ -84,29 +73,23 @@ class E2vidNetwork:
         Parameters
         ----------
         grid
-            (bins, height, width) voxel grid of the window, normalized.
+            (bins, height, width) voxel grid of the window.
 
         Returns
         -------
-        (height, width) intensity as on a display, in (0, 1), and the states for the next window.
+        (height, width) intensity as on a display, in [0, 1], and the states for the next window.
         """
-        multiple = 2**self._network.options.num_encoders
-        return cpu.run(image_and_states, self._network, grid, states, multiple, "reflect")
+        return cpu.run(self._image, grid, states)
 
-
-def image_and_states(
-    network: nn.Module,
-    grid: NDArray[np.float32],
-    states: Sequence[State] | None,
-    multiple: int,
-    mode: str,
-) -> tuple[NDArray[np.float32], Sequence[State]]:
-    """Return the image of a window, of a grid that is `padded`, and the states for the next."""
-    height, width = grid.shape[1:]
-    whole = padded(torch.from_numpy(grid)[None], multiple, mode)
-    image, states = network(whole, states)
-    top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
-    return image[0, 0, top : top + height, left : left + width].float().numpy(), states
+    def _image(
+        self, grid: NDArray[np.float32], states: Sequence[State] | None
+    ) -> tuple[NDArray[np.float32], Sequence[State]]:
+        height, width = grid.shape[1:]
+        whole = padded(torch.from_numpy(grid)[None], self._multiple, self._padding)
+        image, states = self._network(whole, states)
+        top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
+        inside = image[0, 0, top : top + height, left : left + width]
+        return inside.float().clamp(0, 1).numpy(), states
 
 
 def padded(grid: Tensor, multiple: int, mode: str) -> Tensor:

@@ -75,8 +75,8 @@ class ERaft:
 
     def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
-        _, full = self._network(*grids, iterations)
-        flow: Float32 = full[-1][0].numpy()
+        (full,) = self._network(*grids, iterations)
+        flow: Float32 = full[0].numpy()
         return flow
 
 

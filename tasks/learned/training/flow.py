@@ -48,7 +48,7 @@ class Flow(Problem):
         """As `Problem.losses`: a single loss."""
         grids, flows = batch
         old, new, truth = (x.flatten(0, 1) for x in (grids[:, :-1], grids[:, 1:], flows))
-        _, updates = self.network(old, new, self._settings.updates)
+        updates = self.network(old, new, self._settings.updates)
         errors = [
             self._settings.fading**k * torch.mean(torch.abs(flow - truth))
             for k, flow in zip(reversed(range(len(updates))), updates, strict=True)
@@ -58,7 +58,7 @@ class Flow(Problem):
     def network_score(self, batch: Sequence[Tensor]) -> float:
         """As `Problem.network_score`: the end-point error at the last window."""
         grids, flows = batch
-        _, (flow,) = self.network(grids[:, -2], grids[:, -1])
+        (flow,) = self.network(grids[:, -2], grids[:, -1])
         return float(torch.linalg.vector_norm(flow - flows[:, -1], dim=1).mean())
 
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
