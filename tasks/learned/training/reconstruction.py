@@ -13,7 +13,7 @@ from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 from tasks.learned.ours import RECONSTRUCTION
 from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import ReconstructionTraining
-from tasks.methods.blank_video import BlankVideo
+from tasks.methods.baselines import BlankVideo
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS
