@@ -1,36 +1,38 @@
-"""A training's learning curve, as a picture."""
+"""A training's learning curve, as a table and as a picture."""
 
 from __future__ import annotations
 
+import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from eres_render.storage.atomic import write_bytes
+from eres_render.storage.atomic import write_bytes, write_text
+from tasks.learned.training.problem import LIGHTS, Problem
 
-_NETWORK = ", network"
-_STYLES = ("--", ":", "-.")
+Row = dict[str, float]
 
 
-def draw_curve(file: Path, curve: Sequence[Mapping[str, float]], score: str) -> None:
-    """Draw the scores of the network and of the baselines over steps, a panel for each light."""
-    lights = [name.removesuffix(_NETWORK) for name in curve[0] if name.endswith(_NETWORK)]
+def write_curve(folder: Path, curve: Sequence[Row], problem: Problem) -> None:
+    """Write the scores of the network and of the baselines over steps, a panel for each light."""
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in curve)
+    write_text(folder / "curve.csv", text.getvalue())
     steps = [row["step"] for row in curve]
-    figure = Figure(figsize=(3.2 * len(lights), 2.8), layout="constrained")
-    panels = figure.subplots(1, len(lights), sharey=True, squeeze=False)[0]
-    for panel, light in zip(panels, lights, strict=True):
+    figure = Figure(figsize=(3.2 * len(LIGHTS), 2.8), layout="constrained")
+    panels = figure.subplots(1, len(LIGHTS), sharey=True)
+    for panel, light in zip(panels, LIGHTS, strict=True):
         panel.set_title(light)
         panel.set_xlabel("step")
-        panel.plot(steps, [row[light + _NETWORK] for row in curve], color="C0", label="network")
-        others = [name for name in curve[0] if name.startswith(f"{light}, ")]
-        for name, style in zip(others[1:], _STYLES, strict=False):
-            panel.axhline(
-                curve[-1][name], color="0.4", linestyle=style, label=name.removeprefix(f"{light}, ")
-            )
-    panels[0].set_ylabel(score)
+        panel.plot(steps, [row[f"{light}, network"] for row in curve], color="C0", label="network")
+        for name, style in zip(problem.baselines, ("--", ":"), strict=False):
+            panel.axhline(curve[-1][f"{light}, {name}"], color="0.4", linestyle=style, label=name)
+    panels[0].set_ylabel(problem.score)
     panels[-1].legend(fontsize="small")
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=120)
-    write_bytes(file, picture.getvalue())
+    write_bytes(folder / "curve.png", picture.getvalue())
