@@ -61,7 +61,7 @@ class E2vidNetwork:
         """
         options = self._network.options
         parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
-        coarser = sum(2.0**-i for i in range(1, options.num_encoders + 1))  # 2^i channels, 4^-i px
+        coarser = 1 - 2.0**-options.num_encoders  # the sum over levels i of 2^i channels, 4^-i px
         per_px = 4 * parts * options.base_num_channels * coarser + KEPT_BYTES_PER_PX
         return round(per_px * width * height)
 

@@ -1,9 +1,11 @@
-"""The training loop: crops made ahead, AdamW, validation, checkpoints and final weights."""
+"""The training loop: crops made ahead, AdamW, validation, checkpoints, curve and final weights."""
 
 from __future__ import annotations
 
 import copy
+import csv
 import dataclasses
+import io
 import json
 import logging
 import math
@@ -12,13 +14,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from eres_render.cores import cores
 from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import cost, silent
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import write_bytes, write_text
 from sensor.cameras.files import values_of
 from sensor.memory import memory_bytes
 from tasks.ahead import made_ahead
@@ -27,7 +30,6 @@ from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
 from tasks.learned.training import run_folder as files
-from tasks.learned.training.curve import Row, write_curve
 from tasks.learned.training.flow import Flow
 from tasks.learned.training.problem import LIGHTS, Problem
 from tasks.learned.training.reconstruction import Reconstruction
@@ -67,8 +69,9 @@ class Training:
         )
         self.step = 0
         self._seconds = 0.0  # that the steps took
-        self._curve: list[Row] = []  # step, seconds, loss and scores of each validation, by name
-        self._losses: list[float] = []  # since the last of them
+        # Step, seconds, loss and scores of each validation, by name; losses since the last one.
+        self._curve: list[dict[str, float]] = []
+        self._losses: list[float] = []
 
     def _check_memory(self) -> None:
         needed, available, what = self._problem.memory_bytes(), memory_bytes(), "machine"
@@ -202,9 +205,33 @@ class Training:
             for name, value in zip(("network", *problem.baselines), values, strict=True):
                 row[f"{light}, {name}"] = value
         self._curve.append(row)
-        write_curve(folder, self._curve, problem)
+        self._write_curve(folder)
         _logger.info(self._in_words())
         return scores
+
+    def _write_curve(self, folder: Path) -> None:
+        """Write the learning curve as a table, and as a picture with a panel for each light."""
+        curve, problem, text = self._curve, self._problem, io.StringIO(newline="")
+        table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in curve)
+        write_text(folder / "curve.csv", text.getvalue())
+        steps = [row["step"] for row in curve]
+        figure = Figure(figsize=(3.2 * len(LIGHTS), 2.8), layout="constrained")
+        panels = figure.subplots(1, len(LIGHTS), sharey=True)
+        for panel, light in zip(panels, LIGHTS, strict=True):
+            panel.set_title(light)
+            panel.set_xlabel("step")
+            scores = [row[f"{light}, network"] for row in curve]
+            panel.plot(steps, scores, color="C0", label="network")
+            for name, style in zip(problem.baselines, ("--", ":"), strict=False):
+                last = curve[-1][f"{light}, {name}"]
+                panel.axhline(last, color="0.4", linestyle=style, label=name)
+        panels[0].set_ylabel(problem.score)
+        panels[-1].legend(fontsize="small")
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=120)
+        write_bytes(folder / "curve.png", picture.getvalue())
 
     def _in_words(self) -> str:
         """Describe the progress in one line."""

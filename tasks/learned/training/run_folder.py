@@ -19,8 +19,6 @@ from tasks.provenance import together
 SETTINGS_FILE, SCORES_FILE = "training.json", "scores.json"
 CHECKPOINT_FILE, WEIGHTS_FILE = "checkpoint.pt", "weights.pt"
 
-_TRAINED = WEIGHTS_FILE, CHECKPOINT_FILE  # what a training leaves, besides its settings
-
 _logger = logging.getLogger(__name__)
 
 
@@ -93,10 +91,11 @@ def opened(
                     )
                 if (folder / CHECKPOINT_FILE).exists() and not is_finished:
                     made_with = _continued(folder, stored.made_with, made_with)
-            elif untold := [name for name in _TRAINED if (folder / name).exists()]:
+            elif is_finished or (folder / CHECKPOINT_FILE).exists():
+                untold = WEIGHTS_FILE if is_finished else CHECKPOINT_FILE
                 raise TrainingError(
-                    f"{file}: is missing, so the settings of {untold[0]} are unknown; choose "
-                    "another folder"
+                    f"{file}: is missing, so the settings of {untold} are unknown; choose another "
+                    "folder"
                 )
             if not is_finished:
                 description = {"settings": settings, "made_with": dict(made_with)}
