@@ -13,21 +13,21 @@ import torch
 from process_times import Times, times_now
 
 from tasks.learned.training.flow import Flow
-from tasks.learned.training.loop import learn, optimizer_of
+from tasks.learned.training.loop import Training
 from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
-from tasks.learned.training.settings import FLOWS, RECONSTRUCTIONS, Schedule
+from tasks.learned.training.settings import FLOWS, RECONSTRUCTIONS
 
 
-def measure(problem: Problem, schedule: Schedule, steps: int) -> tuple[Times, Times]:
+def measure(problem: Problem, steps: int) -> tuple[Times, Times]:
     """Return the mean times of making a batch and of learning from it."""
-    optimizer = optimizer_of(problem, schedule)
+    training = Training(problem, "cpu")
     making, learning = [], []
-    for step in range(steps + 1):  # the first one compiles
+    for training.step in range(steps + 1):  # the first one compiles
         start = times_now()
-        batch = problem.batch(step)
+        batch = problem.batch(training.step)
         made = times_now()
-        learn(problem, schedule, optimizer, step, batch, torch.device("cpu"))
+        training.learn(batch)
         making.append(made - start)
         learning.append(times_now() - made)
     return Times(*np.mean(making[1:], axis=0)), Times(*np.mean(learning[1:], axis=0))
@@ -42,8 +42,7 @@ def main() -> None:
     for kind, known in ((Reconstruction, RECONSTRUCTIONS), (Flow, FLOWS)):
         settings = known[arguments.config]
         problem = kind(settings, "all", 0)
-        problem.network.train()
-        making, learning = measure(problem, settings.schedule, arguments.steps)
+        making, learning = measure(problem, arguments.steps)
         hours = settings.schedule.steps * (making.cpu_s + learning.cpu_s) / 3600
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
         weights = sum(one.numel() for one in problem.network.parameters())

@@ -225,7 +225,7 @@ TASKS["reconstruction"] = TaskSpec(
         "event_integration": _method("event_integration:reconstruct"),
         "event_integration_nearest": _extension("event_integration:reconstruct_nearest"),
         "event_integration_bilinear": _extension("event_integration:reconstruct_bilinear"),
-        "no_events": _baseline("no_events:reconstruct"),
+        "no_events": _baseline("baselines:keyframe"),
     },
     metric=_PSNR,
     baseline="no_events",
@@ -263,7 +263,7 @@ TASKS["video"] = TaskSpec(
         ),
         "late_truth": _diagnostic("true_video:LateTruth"),
         "filtered_truth": _diagnostic("true_video:FilteredTruth"),
-        "blank": _baseline("blank_video:BlankVideo"),
+        "blank": _baseline("baselines:BlankVideo"),
     },
     metric=_PSNR,
     baseline="blank",
@@ -292,7 +292,7 @@ TASKS["flow"] = TaskSpec(
         "contrast_maximization_by_plain_variance": _contrast(
             "contrast_maximization:estimate_by_plain_variance", ours=True, cost=Cost(0.0035)
         ),
-        "initial_flow": _baseline("initial_flow:estimate"),
+        "initial_flow": _baseline("baselines:initial_flow"),
     },
     metric=_RNEPE,
     baseline="initial_flow",
@@ -313,9 +313,9 @@ TASKS["dense_flow"] = TaskSpec(
         "our_flow_all_light": _flow_net(
             label="our network, all light", network=f"{_OURS}:flow_all_light", cost=Cost(3.2)
         ),
-        "zero_flow": _baseline("zero_flow:estimate"),
+        "zero_flow": _baseline("baselines:zero_flow"),
         "initial_flow": _baseline(  # on recordings, where nothing is known, it is zero_flow
-            "initial_flow:estimate_everywhere", on_recordings=False
+            "baselines:initial_flow_everywhere", on_recordings=False
         ),
     },
     metric=_RNEPE,
@@ -335,7 +335,7 @@ TASKS["tracking"] = TaskSpec(
         "photometric_tracking_with_delay": _with_delay(
             "photometric_tracking:estimate_with_delay", cost=Cost(path_s=0.21, event_s=3.9e-6)
         ),
-        "initial_path": _baseline("initial_path:estimate"),
+        "initial_path": _baseline("baselines:initial_path"),
     },
     metric=_POSITION_ERROR,
     baseline="initial_path",

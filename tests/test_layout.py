@@ -121,7 +121,7 @@ WINGS = {
     },
     "tasks.numerics": set(),
     "tasks.learned": {"tasks.methods", "tasks.random_crops"},
-    "tasks.random_crops": {"tasks.methods"},
+    "tasks.random_crops": set(),
     "tasks.methods": {"tasks.numerics"},
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),

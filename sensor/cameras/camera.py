@@ -11,7 +11,7 @@ from sensor.cameras.fields import FIELDS, KEYS, Key
 from sensor.errors import SensorError
 from sensor.levels import DARK_SHARE
 from sensor.model import Photoreceptor, SensorModel
-from sensor.numbers import real, refusal, whole
+from sensor.numbers import FINITE, POSITIVE, real, refusal, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -594,17 +594,10 @@ def checked(name: str, key: Key, value: Any) -> Any:
         if not isinstance(value, str) or (key.words and value not in key.words):
             raise refusal(name, value, " or ".join(map(repr, key.words)) or "a string")
         return value
-    expected = f"a number from {key.least:g} to {key.most:g}"
-    if key.kind == "integer":
-        expected = f"an integer from {key.least:g} to {key.most:g}"
-    number = (whole if key.kind == "integer" else real)(name, value, expected)
-    if not key.least <= number <= key.most:
-        raise refusal(name, value, expected)
-    return number
+    read, words = (whole, "an integer") if key.kind == "integer" else (real, "a number")
+    expected = f"{words} from {key.least:g} to {key.most:g}"
+    return read(name, value, expected, key.least, key.most)
 
 
 def _checked_lux(lux: float) -> float:
-    number = real("lux", lux, "a positive number")
-    if not 0 < number < math.inf:
-        raise refusal("lux", lux, "a positive number")
-    return number
+    return real("lux", lux, "a positive number", POSITIVE, FINITE)

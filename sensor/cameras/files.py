@@ -201,6 +201,8 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
     kind, unit, interval = facts.get("kind", "published"), facts.get("unit"), facts.get("interval")
     if kind not in KINDS:
         raise refusal(f"{name}.kind", kind, " or ".join(map(repr, KINDS)))
+    if unit not in (None, *key.units):
+        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     ends = None
     if interval is not None:
         if key.kind != "number" or not (isinstance(interval, list) and len(interval) == 2):
@@ -223,8 +225,6 @@ def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
         value = _number(name, key, value, unit)
         if math.isinf(value) and name not in ("cutoff", "bus"):
             raise refusal(name, value, "a finite number")
-    elif unit not in (None, *key.units):
-        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     return checked(name, key, value)
 
 
@@ -245,8 +245,6 @@ def _number(name: str, key: Key, value: Any, unit: Any) -> float:
     """Return a number in the unit of the camera's field."""
     if unit is None:
         unit = next(iter(key.units))
-    if not isinstance(unit, str) or unit not in key.units:
-        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     expected = f"a number of {unit}".removesuffix(" of 1").replace("of log", "in log units")
     number = real(name, value, expected)
     if number < 0:

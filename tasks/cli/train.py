@@ -99,7 +99,7 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
 def _train(settings: Any, options: TrainingOptions) -> None:
     if not 0 <= options.seed < 2**64:  # PyTorch's
         raise TrainingError(f"--seed: found {options.seed}, expected 0 to 2^64 - 1")
-    from tasks.learned.training.start import start
+    from tasks.learned.training.loop import start
     from tasks.provenance import environment
 
     if options.sensor is not None:

@@ -116,33 +116,13 @@ def with_weights(make: Callable[[], N], state: Mapping[str, Tensor], file: Path)
 
 
 def _as(tensor: Tensor, dtype: torch.dtype, name: str, file: Path) -> Tensor:
-    """Return finite values of a type, of a tensor that has its values."""
-    is_number = tensor.is_floating_point() == dtype.is_floating_point and not tensor.is_complex()
-    is_whole = tensor.layout == torch.strided and not (tensor.is_quantized or tensor.is_meta)
-    if not (is_number and is_whole) or tensor.dtype == torch.bool:
-        raise WeightsError(
-            f"{file}: {name}: found {_kind(tensor)}, expected {_plain(dtype)} values (strided)"
-        )
+    """Return finite values of a type."""
+    if tensor.is_floating_point() != dtype.is_floating_point:
+        raise WeightsError(f"{file}: {name}: found {tensor.dtype} values, expected {dtype} values")
     values = tensor.to(dtype)  # before the check: what is finite in more bits may be too large
     if not torch.isfinite(values).all():
-        raise WeightsError(f"{file}: {name}: found values that are not finite in {_plain(dtype)}")
+        raise WeightsError(f"{file}: {name}: found values that are not finite in {dtype}")
     return values
-
-
-def _kind(tensor: Tensor) -> str:
-    kinds = "meta" if tensor.is_meta else _plain(tensor.layout)
-    return f"{_plain(tensor.dtype)} values ({kinds})"
-
-
-def _plain(kind: torch.dtype | torch.layout) -> str:
-    return str(kind).removeprefix("torch.")
-
-
-def check_bins(bins: int, file: Path) -> int:
-    """Return the number of bins of a network's voxel grids, if there can be so many."""
-    if bins < 2:
-        raise WeightsError(f"{file}: found {bins} bins of voxel grids, expected at least 2")
-    return bins
 
 
 def _shape(tensor: Tensor | None) -> str:

@@ -2,8 +2,7 @@
 
 All pairs at 1280 px take 3.5 GB. A look-up needs few of them: those of each old cell with the new
 ones around its place. A kernel of ours computes just these. It has no gradients and no GPU; there,
-a few rows of old cells at a time are correlated with the rows of new cells that they look at,
-looked up, and dropped.
+in training on small crops, all pairs are correlated once.
 """
 
 from __future__ import annotations
@@ -19,13 +18,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from sensor.compiling import compiler
 from tasks.cpu_time import add_cpu_s
-from tasks.learned.correlation_kernel import RADIUS, SIDE, look_up
 
 LEVELS = 4
-_PLACES = (2 * RADIUS + 1) ** 2  # around each cell
+_RADIUS = 4
+_SIDE = 2 * _RADIUS + 2  # cells that interpolation reads along each axis
+_PLACES = (2 * _RADIUS + 1) ** 2  # around each cell
 CHANNELS = LEVELS * _PLACES
-_CELLS = 640  # old cells of an image at a time, at least a row
 _BANDS_A_THREAD = 4  # so that other threads take over the work of a delayed one
 
 
@@ -62,17 +62,26 @@ class Correlation:
         """
         if at.is_cpu and not (self._old.requires_grad or self._new[0].requires_grad):
             return self._look_up_by_kernel(at)
-        rows = max(1, _CELLS // at.shape[3])
-        places = at.permute(0, 2, 3, 1)
-        blocks = zip(self._old.split(rows, dim=1), places.split(rows, dim=1), strict=True)
-        with torch.autocast(at.device.type, enabled=False):
-            correlations = [
-                torch.cat(
-                    [_around(*block, new, 2**level) for level, new in enumerate(self._new)], dim=1
-                )
-                for block in blocks
+        steps = torch.arange(-_RADIUS, _RADIUS + 1).to(at)
+        offsets = torch.stack(torch.meshgrid(steps, steps, indexing="ij"), dim=-1)
+        places = at.permute(0, 2, 3, 1).reshape(-1, 1, 1, 2)
+        around = []
+        for level, products in enumerate(self._products):
+            # In grid_sample, -1 and 1 are the centers of the first and the last cell.
+            cell = 2 / (torch.tensor([products.shape[3], products.shape[2]]).to(at) - 1)
+            points = (places / 2**level * cell - 1) + offsets * cell
+            around.append(functional.grid_sample(products, points, align_corners=True).flatten(1))
+        count, _, height, width = at.shape
+        return torch.cat(around, dim=1).view(count, height, width, -1).permute(0, 3, 1, 2)
+
+    @cached_property
+    def _products(self) -> list[Tensor]:
+        """Return (N h w, 1, h', w') correlations of all pairs at each resolution."""
+        with torch.autocast(self._old.device.type, enabled=False):
+            return [
+                (self._old.flatten(1, 2) @ new.flatten(2)).view(-1, 1, *new.shape[2:])
+                for new in self._new
             ]
-        return torch.cat(correlations, dim=2)
 
     @cached_property
     def _new_by_cell(self) -> list[NDArray[np.float32]]:
@@ -87,13 +96,13 @@ class Correlation:
 
         def band(k: int) -> float:
             started_s = time.thread_time()
-            products = np.empty((SIDE, SIDE), np.float32)
+            products = np.empty((_SIDE, _SIDE), np.float32)
             for image in range(len(old)):
                 for level, new in enumerate(levels):
                     around = out[image, ..., _PLACES * level : _PLACES * (level + 1)]
                     scale = np.float32(0.5**level)
                     inputs = old[image], new[image], scale, places[image]
-                    look_up(rows[k], rows[k + 1], *inputs, products, around)
+                    _look_up_rows(rows[k], rows[k + 1], *inputs, products, around)
             return time.thread_time() - started_s
 
         with ThreadPoolExecutor(threads) as workers:
@@ -101,37 +110,46 @@ class Correlation:
         return torch.from_numpy(out).permute(0, 3, 1, 2)
 
 
-def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
-    """Return (N, 81, rows, w) correlations of a block of old cells at one resolution.
+@compiler(fastmath={"contract", "reassoc"}, _nrt=False)
+def _look_up_rows(first, last, old, new, scale, places, products, out):
+    """Look up the correlations of some rows of old cells at one resolution.
+
+    The 81 places around a cell are one cell apart, so they share 10 x 10 inner products.
 
     Parameters
     ----------
-    old, places
-        (N, rows, w, channels) features and (N, rows, w, 2) places of the block.
+    old
+        (h, w, channels) float32 features.
     new
-        (N, channels, h', w') features, each the mean of `pooled` x `pooled` cells.
+        (h', w', channels) float32 features, each the mean of `1 / scale` cells along each axis.
+    places
+        (2, h, w) float32, x first, in cells of `old`; integers are centers.
+    products
+        (10, 10) float32, overwritten.
+    out
+        (h, w, 81) float32, written: column by column of the offsets from -4 to 4, interpolated
+        bilinearly, 0 outside the image and at places that are not finite.
     """
-    count, rows, width, channels = old.shape
-    x, y = (places / pooled).reshape(-1, 2).T
-    first, end = _rows_around(y, new.shape[2])
-    rows_seen = new[:, :, first:end]
-    products = old.reshape(count, -1, channels) @ rows_seen.flatten(2)
-    steps = torch.arange(-RADIUS, RADIUS + 1).to(places)
-    # In grid_sample, -1 and 1 are the centers of the first and the last cell.
-    columns = 2 * (x[:, None] + steps) / (rows_seen.shape[3] - 1) - 1
-    lines = 2 * (y[:, None] - first + steps) / (rows_seen.shape[2] - 1) - 1
-    points = torch.stack(
-        [columns[:, :, None].expand(-1, -1, len(steps)), lines[:, None].expand(-1, len(steps), -1)],
-        dim=-1,
-    )
-    maps = products.reshape(-1, 1, *rows_seen.shape[2:])
-    values = functional.grid_sample(maps, points, align_corners=True)
-    return values.reshape(count, rows, width, -1).permute(0, 3, 1, 2)
-
-
-def _rows_around(y: Tensor, height: int) -> tuple[int, int]:
-    """Return the first row that places look at and the one after the last, at least two apart."""
-    least, most = (int(end) for end in torch.nan_to_num(y).floor().aminmax())
-    first = min(max(least - RADIUS, 0), height - 2)
-    last = min(max(most + RADIUS + 1, first + 1), height - 1)
-    return first, last + 1
+    height, width, channels = new.shape
+    for i in range(first, last):
+        for j in range(old.shape[1]):
+            x, y = scale * places[0, i, j] - _RADIUS, scale * places[1, i, j] - _RADIUS
+            around = out[i, j]
+            if not (-_SIDE < x < width and -_SIDE < y < height):
+                around[:] = 0.0
+                continue
+            left, top = math.floor(x), math.floor(y)
+            for row in range(_SIDE):
+                for column in range(_SIDE):
+                    total = np.float32(0.0)
+                    if 0 <= top + row < height and 0 <= left + column < width:
+                        for c in range(channels):
+                            total += old[i, j, c] * new[top + row, left + column, c]
+                    products[row, column] = total
+            right, down = np.float32(x - left), np.float32(y - top)
+            for column in range(_SIDE - 1):
+                for row in range(_SIDE - 1):
+                    near, far = products[row], products[row + 1]
+                    upper = near[column] + right * (near[column + 1] - near[column])
+                    lower = far[column] + right * (far[column + 1] - far[column])
+                    around[(_SIDE - 1) * column + row] = upper + down * (lower - upper)

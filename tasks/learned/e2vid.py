@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
+from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 
 ARCHITECTURE = "E2VIDRecurrent"
@@ -32,14 +30,12 @@ class E2vidNetwork:
     """E2VID with its weights."""
 
     normalized = True
+    _padding = "reflect"
 
     def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
         self._network, self._name = network.eval(), name
-
-    @property
-    def bins(self) -> int:
-        """Bins of the voxel grids."""
-        return self._network.options.num_bins
+        self.bins = network.options.num_bins
+        self._multiple = 2**network.options.num_encoders
 
     def check_size(self, width: int, height: int) -> None:
         """Check that the network can run on a sensor.
@@ -50,15 +46,6 @@ class E2vidNetwork:
             Size of the sensor, px.
         """
         options = self._network.options
-        multiple, side, expected = 2**options.num_encoders, min(width, height), ""
-        if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
-            expected = f"at least {(multiple + 4) // 3} px on each side"
-        elif options.norm == "IN" and max(width, height) <= multiple:
-            expected = f"more than {multiple} px on at least one side, to normalize the image"
-        if expected:
-            raise WeightsError(
-                f"{self._name}: found a sensor of {width}x{height} px, expected {expected}"
-            )
         is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
         per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
         needed = per_channel * options.base_num_channels * width * height
@@ -74,7 +61,7 @@ class E2vidNetwork:
         """
         options = self._network.options
         parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
-        coarser = sum(2.0**-i for i in range(1, options.num_encoders + 1))  # 2^i channels, 4^-i px
+        coarser = 1 - 2.0**-options.num_encoders  # the sum over levels i of 2^i channels, 4^-i px
         per_px = 4 * parts * options.base_num_channels * coarser + KEPT_BYTES_PER_PX
         return round(per_px * width * height)
 
@@ -86,29 +73,23 @@ class E2vidNetwork:
         Parameters
         ----------
         grid
-            (bins, height, width) voxel grid of the window, normalized.
+            (bins, height, width) voxel grid of the window.
 
         Returns
         -------
-        (height, width) intensity as on a display, in (0, 1), and the states for the next window.
+        (height, width) intensity as on a display, in [0, 1], and the states for the next window.
         """
-        multiple = 2**self._network.options.num_encoders
-        return cpu.run(image_and_states, self._network, grid, states, multiple, "reflect")
+        return cpu.run(self._image, grid, states)
 
-
-def image_and_states(
-    network: nn.Module,
-    grid: NDArray[np.float32],
-    states: Sequence[State] | None,
-    multiple: int,
-    mode: str,
-) -> tuple[NDArray[np.float32], Sequence[State]]:
-    """Return the image of a window, of a grid that is `padded`, and the states for the next."""
-    height, width = grid.shape[1:]
-    whole = padded(torch.from_numpy(grid)[None], multiple, mode)
-    image, states = network(whole, states)
-    top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
-    return image[0, 0, top : top + height, left : left + width].float().numpy(), states
+    def _image(
+        self, grid: NDArray[np.float32], states: Sequence[State] | None
+    ) -> tuple[NDArray[np.float32], Sequence[State]]:
+        height, width = grid.shape[1:]
+        whole = padded(torch.from_numpy(grid)[None], self._multiple, self._padding)
+        image, states = self._network(whole, states)
+        top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
+        inside = image[0, 0, top : top + height, left : left + width]
+        return inside.float().clamp(0, 1).numpy(), states
 
 
 def padded(grid: Tensor, multiple: int, mode: str) -> Tensor:
@@ -133,8 +114,8 @@ def load(file: Path) -> E2vidNetwork:
     Parameters
     ----------
     file
-        A checkpoint as published: a table with `arch`, `state_dict` and, under `model` or under
-        `config`, the options.
+        A checkpoint as published: a table with `arch` and `state_dict`. The options are those of
+        the weights.
     """
     content = read_checkpoint(file)
     if not isinstance(content, Mapping) or "state_dict" not in content:
@@ -142,9 +123,7 @@ def load(file: Path) -> E2vidNetwork:
     if content.get("arch", ARCHITECTURE) != ARCHITECTURE:
         raise WeightsError(f"{file}: arch: found {content['arch']!r}, expected {ARCHITECTURE!r}")
     state = tensors_of(content["state_dict"], file)
-    options = options_of(state, file)
-    _check_options(content, options, file)
-    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options), state, file))
+    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options_of(state, file)), state, file))
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
@@ -164,7 +143,7 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
         norm = "BN" if f"{_ROOT}encoders.0.conv.norm_layer.weight" in state else "IN"
     is_lstm = f"{_ROOT}encoders.0.recurrent_block.Gates.weight" in state
     return E2vidOptions(
-        num_bins=check_bins(bins, file),
+        num_bins=bins,
         skip_type="concat" if pred.shape[1] == 2 * base else "sum",
         recurrent_block_type="convlstm" if is_lstm else "convgru",
         num_encoders=encoders,
@@ -173,21 +152,3 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
         norm=norm,
         use_upsample_conv=f"{_ROOT}decoders.0.conv2d.weight" in state,
     )
-
-
-def _check_options(content: Mapping[str, Any], options: E2vidOptions, file: Path) -> None:
-    """Check that the options in a file, if it has some, match its weights."""
-    config = content.get("config")
-    inner = config.get("model") if isinstance(config, Mapping) else None
-    stored = content.get("model", inner)
-    if not isinstance(stored, Mapping):
-        return
-    for field in fields(E2vidOptions):
-        default = None if field.default is MISSING else field.default
-        value, expected = stored.get(field.name, default), getattr(options, field.name)
-        if field.name == "norm" and value not in ("BN", "IN"):
-            value = None  # any other word means none
-        if isinstance(value, Tensor) or value != expected:
-            raise WeightsError(
-                f"{file}: {field.name}: found {value!r}, expected {expected!r}, as in the weights"
-            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
-from tasks.learned.checkpoint import check_bins, held, read_checkpoint, tensors_of, with_weights
+from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.eraft_network import ERAFT, ITERATIONS
 
 Float32 = NDArray[np.float32]
@@ -26,8 +26,6 @@ MIN_PX = 128
 _BYTES_PER_PX = 850
 _FIRST = "fnet.conv1.weight"
 _CHANNELS = 64  # of the first layer as published
-# The published code stores one normalization under both names.
-_TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
 
 
 class ERaft:
@@ -77,8 +75,8 @@ class ERaft:
 
     def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
-        _, full = self._network(*grids, iterations)
-        flow: Float32 = full[-1][0].numpy()
+        (full,) = self._network(*grids, iterations)
+        flow: Float32 = full[0].numpy()
         return flow
 
 
@@ -90,31 +88,14 @@ def load(file: Path) -> ERaft:
         raise WeightsError(
             f"{file}: found {held(content)}; expected an entry 'model' with the weights of E-RAFT"
         )
-    return eraft_of(_with_both_names(tensors_of(model, file), file), file, (1,))
+    return eraft_of(tensors_of(model, file), file)
 
 
-def eraft_of(
-    state: Mapping[str, Tensor], file: Path, divisors: Sequence[int], name: str = "eraft"
-) -> ERaft:
+def eraft_of(state: Mapping[str, Tensor], file: Path, name: str = "eraft") -> ERaft:
     """Return a network with weights, which divides the published numbers of channels."""
     shape = tuple(state[_FIRST].shape) if _FIRST in state else ()
-    narrower = [n for n in divisors if len(shape) == 4 and shape[0] == _CHANNELS // n]
-    if not narrower:
-        channels = " or ".join(str(_CHANNELS // n) for n in divisors)
-        raise WeightsError(
-            f"{file}: {_FIRST}: found shape {shape}, expected four axes and {channels} channels"
-        )
-    bins = check_bins(shape[1], file)
-    return ERaft(with_weights(partial(ERAFT, bins, narrower[0]), state, file), bins, name)
-
-
-def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
-    """Return the weights, with both names for those that have two."""
-    whole = dict(state)
-    for starts in _TWICE:
-        for start, other in (starts, starts[::-1]):
-            for name in [name for name in state if name.startswith(start)]:
-                twin = other + name.removeprefix(start)
-                if not torch.equal(whole.setdefault(twin, state[name]), state[name]):
-                    raise WeightsError(f"{file}: {twin} and {name} differ, expected equal values")
-    return whole
+    if len(shape) != 4:
+        raise WeightsError(f"{file}: {_FIRST}: found shape {shape}, expected four axes")
+    narrower = _CHANNELS // max(4, shape[0]) or 1  # 1 to 16; all shapes are compared next
+    network = with_weights(partial(ERAFT, shape[1], narrower), state, file)
+    return ERaft(network, shape[1], name)

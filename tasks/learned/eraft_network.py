@@ -31,37 +31,30 @@ class ERAFT(nn.Module):
 
     def __init__(self, bins: int, narrower: int = 1) -> None:
         super().__init__()
-        self._hidden = _HIDDEN // narrower
         self.fnet = _Encoder(bins, "instance", narrower)
         self.cnet = _Encoder(bins, "batch", narrower)
         self.update_block = _UpdateBlock(narrower)
 
-    def forward(
-        self, old: Tensor, new: Tensor, iterations: int = ITERATIONS, start: Tensor | None = None
-    ) -> tuple[Tensor, list[Tensor]]:
+    def forward(self, old: Tensor, new: Tensor, iterations: int = ITERATIONS) -> list[Tensor]:
         """Return how far pixels move from the end of the old window to that of the new one.
 
         Parameters
         ----------
         old, new
             (N, bins, H, W) voxel grids of two successive windows.
-        start
-            (N, 2, h, w) flow to start from, in cells; zero by default.
 
         Returns
         -------
-        The flow of the cells, (N, 2, h, w), in cells of the padded image, and a list of flows of
-        the pixels, (N, 2, H, W) px with x first: in training after each update, otherwise after the
-        last.
+        The flow of the pixels, (N, 2, H, W) px with x first: in training after each update,
+        otherwise after the last.
         """
         height, width = old.shape[-2:]
         old, new = padded(old), padded(new)
         correlation = Correlation(self.fnet(old), self.fnet(new))
-        context = self.cnet(new)
-        hidden = torch.tanh(context[:, : self._hidden])
-        context = torch.relu(context[:, self._hidden :])
+        hidden, context = self.cnet(new).chunk(2, dim=1)
+        hidden, context = torch.tanh(hidden), torch.relu(context)
         grid = cells(*hidden.shape[-2:]).to(old)
-        flow = torch.zeros_like(grid).repeat(len(old), 1, 1, 1) if start is None else start
+        flow = torch.zeros_like(grid).repeat(len(old), 1, 1, 1)
         full = []
         for k in range(iterations):
             flow = flow.detach()
@@ -71,7 +64,7 @@ class ERAFT(nn.Module):
             if self.training or k == iterations - 1:
                 larger = enlarged(flow, self.update_block.weights(hidden))
                 full.append(larger[..., -height:, -width:])
-        return flow, full
+        return full
 
 
 def padded(grid: Tensor) -> Tensor:

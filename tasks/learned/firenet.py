@@ -7,18 +7,15 @@ is normalized, and padded with zeros to multiples of 16 px.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tasks.errors import WeightsError
 from tasks.learned import cpu
 from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, with_weights
-from tasks.learned.e2vid import KEPT_BYTES_PER_PX, image_and_states
-from tasks.learned.e2vid_network import FireNet, State
+from tasks.learned.e2vid import KEPT_BYTES_PER_PX, E2vidNetwork
+from tasks.learned.e2vid_network import FireNet
 
 # How names of weights start in files, for each part of the network in turn.
 _STARTS = {
@@ -34,13 +31,13 @@ _LEFT_OUT = "parse_config.ConfigParser", "pathlib.PosixPath"
 _BYTES_PER_PX = 750
 
 
-class FireNetNetwork:
+class FireNetNetwork(E2vidNetwork):
     """FireNet or FireNet+ with its weights."""
 
-    bins = FireNet.bins
+    _padding = "constant"
 
     def __init__(self, network: FireNet, name: str) -> None:
-        self._network, self._name = network.eval(), name
+        self._network, self._name, self.bins = network.eval(), name, network.bins
         self.normalized = name == "firenet"
         self._multiple = 16 if self.normalized else 1
 
@@ -52,14 +49,6 @@ class FireNetNetwork:
         """As `E2vidNetwork.kept_bytes`."""
         per_px = 4 * FireNet.memories * FireNet.channels + KEPT_BYTES_PER_PX
         return per_px * width * height
-
-    def image(
-        self, grid: NDArray[np.float32], states: Sequence[State] | None = None
-    ) -> tuple[NDArray[np.float32], Sequence[State]]:
-        """As `E2vidNetwork.image`; the image is cut off at 0 and 1."""
-        arguments = self._network, grid, states, self._multiple, "constant"
-        image, states = cpu.run(image_and_states, *arguments)
-        return image.clip(0, 1), states
 
 
 def _load(file: Path, name: str) -> FireNetNetwork:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -22,10 +23,9 @@ RECONSTRUCTION, FLOW = "eres reconstruction", "eres flow"
 class OurReconstructionNetwork(E2vidNetwork):
     """Our network for reconstruction, with its weights; see `tasks.methods.our_reconstruction`."""
 
-    @property
-    def bins(self) -> int:
-        """Bins of the voxel grids; the network has more input channels, for sums of events."""
-        return super().bins - len(DECAYS)
+    def __init__(self, network: E2VIDRecurrent) -> None:
+        super().__init__(network, "our reconstruction")
+        self.bins -= len(DECAYS)  # the other input channels are sums of events
 
 
 def save(
@@ -42,24 +42,20 @@ def save(
     light
         "ideal" or "all": the light of the crops on which it was trained.
     """
-    weights = {
-        name: tensor.cpu().half() if tensor.is_floating_point() else tensor.cpu()
-        for name, tensor in network.state_dict().items()
-    }
+    weights = dict(copy.deepcopy(network).half().cpu().state_dict())
     content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
     checkpoint.write_checkpoint(file, content)
 
 
 def _reconstruction(file: Path, light: str) -> OurReconstructionNetwork:
     state = _weights(file, RECONSTRUCTION, light)
-    options = options_of(state, file)
-    checkpoint.check_bins(options.num_bins - len(DECAYS), file)
-    network = checkpoint.with_weights(partial(E2VIDRecurrent, options), state, file)
-    return OurReconstructionNetwork(network, "our reconstruction")
+    make = partial(E2VIDRecurrent, options_of(state, file))
+    network = checkpoint.with_weights(make, state, file)
+    return OurReconstructionNetwork(network)
 
 
 def _flow(file: Path, light: str) -> ERaft:
-    return eraft_of(_weights(file, FLOW, light), file, (1, 2, 4, 8, 16), "our flow")
+    return eraft_of(_weights(file, FLOW, light), file, "our flow")
 
 
 # Each reads a file that `save` wrote, and raises `WeightsError` if it cannot be read or is of

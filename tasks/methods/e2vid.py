@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from sensor import Events
 from sensor.events import concatenate
 from sensor.representations import voxel_grid
-from tasks.errors import TaskError
 
 WINDOW_US = 25_000.0  # of base time
 DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
@@ -54,11 +53,8 @@ def even_window_us(step_us: float) -> float:
 class Network(Protocol):
     """`tasks.learned.e2vid.E2vidNetwork` or `tasks.learned.firenet.FireNetNetwork`."""
 
-    @property
-    def bins(self) -> int: ...
-
-    @property
-    def normalized(self) -> bool: ...  # the voxel grids
+    bins: int
+    normalized: bool  # whether the voxel grids are
 
     def image(self, grid: NDArray[np.float32], states: Any) -> tuple[NDArray[np.float32], Any]:
         """As `E2vidNetwork.image`."""
@@ -92,7 +88,6 @@ class E2vid:
         self._count: int | None = None
         if events_per_px is not None:
             self._count = max(1, math.floor(events_per_px * width * height))
-        self._size = width, height
         self._parts: list[Events] = []  # of the window that has not ended
         self._held = 0
         # Times of windows: the first begins at `_origin_us`, and `_ended` of them have ended.
@@ -103,19 +98,11 @@ class E2vid:
 
     def push(self, events: Events) -> None:
         """Take in the next events, and run the network on each window that ends."""
-        if (events.width, events.height) != self._size:
-            width, height = self._size
-            raise TaskError(
-                f"found events of {events.width}x{events.height} px, expected {width}x{height}"
-            )
-        while len(events):
-            before = self._before_end(events)
-            if before is None:
-                self._keep(events)
-                return
+        while len(events) and (before := self._before_end(events)) is not None:
             self._keep(events[:before])
             self._end_window()
             events = events[before:]
+        self._keep(events)
 
     def image(self, t_us: int) -> NDArray[np.float64]:
         """Return log intensity, (height, width), 0 before the first window has ended."""

@@ -15,7 +15,6 @@ constant of 17 events, which matters more at busy pixels.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +27,6 @@ from tasks.numerics.compiling import jit_in_place
 CUTOFF_HZ = 0.06
 PER_EVENT_DECAY = 0.06
 _AHEAD = 256  # events per group of pixels that are read ahead
-
-
-class _Rates(NamedTuple):
-    """What an event adds, and how fast values decay."""
-
-    C: float  # log units
-    per_us: float  # decay with time
-    per_event: float
 
 
 class HighPassFilter:
@@ -71,7 +62,8 @@ class HighPassFilter:
         for name, value in (("cutoff_hz", cutoff_hz), ("per_event_decay", per_event_decay)):
             if not 0 <= value < math.inf:
                 raise TaskError(f"high-pass filter: {name}: found {value}, expected 0 or more")
-        self._rates = _Rates(contrast_threshold, 2e-6 * math.pi * cutoff_hz, per_event_decay)
+        self._decay_per_us = 2e-6 * math.pi * cutoff_hz
+        self._rates = contrast_threshold, self._decay_per_us, per_event_decay
         self._state = np.zeros((height, width, 2))  # L after the latest event, its time in us
         self._places = np.empty(_AHEAD, np.uint64)
         self._t_us: int | None = None  # of the latest event
@@ -107,7 +99,7 @@ class HighPassFilter:
         self._check_order(t_us)
         value, last_us = self._state[..., 0], self._state[..., 1]
         since_us = np.where(value != 0, t_us - last_us, 0.0)
-        return value * np.exp(-self._rates.per_us * since_us)
+        return value * np.exp(-self._decay_per_us * since_us)
 
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:
@@ -139,11 +131,12 @@ def _filter(
     state: NDArray[np.float64],  # (2 * pixels,) L and time of each pixel, row by row
     width: int,
     events: Columns,
-    rates: _Rates,
+    rates: tuple[float, float, float],  # C in log units, decay per us, decay per event
     places: NDArray[np.uint64],  # (_AHEAD,) overwritten: index of each event's L in the state
 ) -> float:
     # Pixels are read ahead in groups, so that their independent loads overlap.
     t_us, x, y, p = events
+    C, decay_per_us, decay_per_event = rates
     next_row, next_one = np.uint64(width), np.uint64(1)
     touched = 0.0
     for start in range(0, t_us.size, places.size):
@@ -156,8 +149,8 @@ def _filter(
             here = places[k]
             L, last_us = state[here], state[here + next_one]
             if L != 0.0:
-                decay = rates.per_us * (t_us[start + k] - last_us) + rates.per_event
+                decay = decay_per_us * (t_us[start + k] - last_us) + decay_per_event
                 L *= math.exp(-decay)
-            state[here] = L + p[start + k] * rates.C
+            state[here] = L + p[start + k] * C
             state[here + next_one] = t_us[start + k]
     return touched  # so that the compiler keeps the reads

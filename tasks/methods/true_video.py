@@ -45,21 +45,6 @@ class TrueLight:
         """(T,) times of the frames, s."""
         return self.sequence.t_s / self.speed
 
-    def log_image(self, k: int, width: int, height: int) -> Float64:
-        """Return the log intensity of a frame at a sensor's resolution.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-
-        Returns
-        -------
-        (height, width), log units.
-        """
-        light = integrate(self.sequence.frame(k), height, width, self.fill_factor)
-        return np.log(light + self.dark_level)
-
 
 @dataclass
 class _Oracle:
@@ -82,7 +67,8 @@ class _Oracle:
 
     def _log_light(self, k: int) -> Float64:
         """Return the true log intensity of a frame, (height, width)."""
-        return self.light.log_image(k, self.width, self.height)
+        frame, share = self.light.sequence.frame(k), self.light.fill_factor
+        return np.log(integrate(frame, self.height, self.width, share) + self.light.dark_level)
 
 
 class LateTruth(_Oracle):

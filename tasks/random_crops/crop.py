@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from sensor import Events, simulate
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.settings import CropLight, Crops
-from tasks.random_crops.texture import random_texture
-from tasks.random_crops.view import view
+from tasks.random_crops.texture import random_texture, view
 
 _HELD_OUT = 1 << 64  # larger than any seed
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,29 +16,15 @@ _SHARE_OF_WAVES = 0.7  # in the speed; the rest is steady
 _SAMPLES = 8  # in a window, to find how fast the corners move
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Path:
-    """A coordinate over time: steady motion, and waves around it."""
-
-    start: float
-    rate: float
-    amplitudes: Float64
-    rates: Float64
-    phases: Float64
-
-    def __call__(self, t: Float64) -> Float64:
-        angles = self.rates * t[..., None] + self.phases
-        return self.start + self.rate * t + np.sin(angles) @ self.amplitudes
-
-
-def _random_path(
+def _path(
     rng: np.random.Generator, start: float, speed: float, steady: float, largest: float = math.inf
-) -> _Path:
-    """Draw a path."""
+) -> Callable[[Float64], Float64]:
+    """Draw a coordinate over time: steady motion, and waves around it."""
     shortest, longest = map(math.log, _PERIODS)
     rates = 2 * math.pi / np.exp(rng.uniform(shortest, longest, _WAVES))
     amplitudes = np.minimum(speed * rng.uniform(0.5, 1.0, _WAVES) / rates, largest)
-    return _Path(start, steady, amplitudes, rates, rng.uniform(0, 2 * math.pi, _WAVES))
+    phases = rng.uniform(0, 2 * math.pi, _WAVES)
+    return lambda t: start + steady * t + np.sin(rates * t[..., None] + phases) @ amplitudes
 
 
 class Motion:
@@ -68,16 +54,16 @@ class Motion:
         steady = motion_px * texels_per_px * (1 - _SHARE_OF_WAVES)
         waves = motion_px * texels_per_px * _SHARE_OF_WAVES
         self._center = [
-            _random_path(rng, rng.uniform(0, 512), waves, steady * part)
+            _path(rng, rng.uniform(0, 512), waves, steady * part)
             for part in (math.cos(direction), math.sin(direction))
         ]
         turn = rng.uniform(0, 0.4) * motion_px / half_px
-        self._angle = _random_path(rng, rng.uniform(0, 2 * math.pi), turn, 0.0)
+        self._angle = _path(rng, rng.uniform(0, 2 * math.pi), turn, 0.0)
         zoom = rng.uniform(0, 0.3) * motion_px / half_px
-        self._log_zoom = _random_path(rng, 0.0, zoom, 0.0, largest=0.12)
+        self._log_zoom = _path(rng, 0.0, zoom, 0.0, largest=0.12)
         tilt = rng.uniform(0, 0.2) * motion_px / half_px**2
         self._tilt = [
-            _random_path(rng, rng.uniform(-0.15, 0.15) / half_px, tilt, 0.0, largest=0.05 / half_px)
+            _path(rng, rng.uniform(-0.15, 0.15) / half_px, tilt, 0.0, largest=0.05 / half_px)
             for _ in range(2)
         ]
 

@@ -116,7 +116,7 @@ def every_table(clip, finished_run, screen):
         problem = SimpleNamespace(score="PSNR [dB]", baselines=("high-pass filter", "gray"))
         trained = problem, {"200 Hz": [12.5, 11.5, 10.8]}
         without_torch = SimpleNamespace(start=lambda *_, **__: trained)
-        patch.setitem(sys.modules, "tasks.learned.training.start", without_torch)
+        patch.setitem(sys.modules, "tasks.learned.training.loop", without_torch)
         for args in (
             ("train", "reconstruction", "--out", folder),
             ("doctor",),

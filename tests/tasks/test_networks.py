@@ -32,9 +32,9 @@ from tasks.evaluation.settings import DenseFlow, Flow, Video
 from tasks.evaluation.source import Window, true_points
 from tasks.flow import Features
 from tasks.methods import code_of, load_method, task_of
+from tasks.methods.baselines import initial_flow_everywhere
 from tasks.methods.e2vid import E2vid
 from tasks.methods.eraft import estimate as estimate_eraft
-from tasks.methods.initial_flow import estimate_everywhere
 from tasks.methods.networks import named_weights, weights_of
 from tasks.methods.true_video import FilteredTruth, LateTruth, TrueLight
 from tasks.recording.video import network_options
@@ -156,12 +156,6 @@ def test_any_division_of_the_stream_gives_the_same_windows(cuts, times, options)
     assert len(whole) == len(parts)
     np.testing.assert_array_equal(whole, parts)
     np.testing.assert_array_equal([i for _, i in images], [i for _, i in others])
-
-
-def test_e2vid_refuses_what_it_cannot_use():
-    """Promise: another sensor's events are an error."""
-    with pytest.raises(TaskError, match="found events of 12x9 px, expected 9x12"):
-        E2vid(H, W, 0.2, network=Recorder()).push(stream())
 
 
 def test_eraft_gets_the_grids_of_both_windows():
@@ -304,7 +298,7 @@ def test_the_initial_flow_is_that_of_the_nearest_feature():
     centers = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
     initial = rng.normal(size=(3, 2))
     events = stream(0)
-    flow = estimate_everywhere(DenseFlowSample(events, events, centers, initial))
+    flow = initial_flow_everywhere(DenseFlowSample(events, events, centers, initial))
     np.testing.assert_allclose(flow_at(flow, centers), initial, rtol=1e-14)
 
 

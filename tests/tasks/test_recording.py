@@ -371,7 +371,7 @@ def dense(recording, monkeypatch, flow_px, **more):
     method, seen = moves_along(flow_px)
     monkeypatch.setattr("tasks.evaluation.scorers.dense_flow.load_method", lambda *_: method)
     options = FlowOptions(window_ms=10.0, windows=3, features=5, patch_px=21, search_px=8.0)
-    given = {"methods": ["tasks.methods.zero_flow:estimate"], "flow": options, **more}
+    given = {"methods": ["tasks.methods.baselines:zero_flow"], "flow": options, **more}
     return evaluate_recording(recording, "dense_flow", **given), seen
 
 

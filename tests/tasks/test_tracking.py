@@ -17,8 +17,9 @@ from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.tracking import TrackingScorer
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Tracking
-from tasks.methods import initial_path, load_method
+from tasks.methods import load_method
 from tasks.methods import photometric_tracking as eppt
+from tasks.methods.baselines import initial_path
 from tasks.methods.photometric_tracking import accumulation, search, tracker
 from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.numerics import bicubic, cumulative_spline
@@ -518,7 +519,7 @@ def test_the_error_is_the_mean_distance_and_the_baseline_keeps_it(scene):
     assert error_mm(moved, scene) == pytest.approx(3.0, abs=0.02)
     assert error_mm(truth, scene) < 0.02
     sample = sample_of(scene, 0.002, 0, max_events=2000)
-    assert initial_path.estimate(sample).path is sample.initial
+    assert initial_path(sample).path is sample.initial
     assert load_method("tracking", "photometric_tracking") is eppt.estimate
     assert succeeded(TrackingEstimate(moved), 0.9, 2.0)
     assert not succeeded(TrackingEstimate(moved), 1.1, 2.0)

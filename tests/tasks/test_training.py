@@ -41,13 +41,8 @@ from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
 from tasks.learned.training.flow import Flow  # noqa: E402
-from tasks.learned.training.loop import (  # noqa: E402
-    LearningCurve,
-    load_checkpoint,
-    save_checkpoint,
-)
+from tasks.learned.training.loop import Training, start  # noqa: E402
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
-from tasks.learned.training.start import start  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -198,17 +193,20 @@ def full_disk(size):
 
 def test_no_room_for_a_checkpoint_or_for_weights(tmp_path):
     """Promise: an error that names the file; the checkpoint before stays, and nothing else does."""
-    network = torch.nn.Linear(64, 64)
-    optimizer = torch.optim.AdamW(network.parameters())
-    save_checkpoint(tmp_path, LearningCurve(step=1), network, optimizer)
+    problem = Reconstruction(TINY, "all", 0)
+    training = Training(problem, "cpu")
+    training.step = 1
+    training.save(tmp_path)
+    training.step = 2
     weights = tmp_path / "weights.pt"
     with full_disk(4000):
         with pytest.raises(RenderError, match=r"checkpoint\.pt: cannot be written: File too large"):
-            save_checkpoint(tmp_path, LearningCurve(step=2), network, optimizer)
+            training.save(tmp_path)
         with pytest.raises(RenderError, match=r"weights\.pt: cannot be written: File too large"):
-            save(weights, network, FLOW, "all", {})
+            save(weights, problem.network, FLOW, "all", {})
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
-    assert load_checkpoint(tmp_path, network, optimizer).step == 1
+    training.load(tmp_path)
+    assert training.step == 1
 
 
 def test_twins_differ_in_light_alone():
@@ -339,9 +337,9 @@ def test_pairs_of_a_batch_do_not_affect_each_other():
     net = ERAFT(3, narrower=16).eval()
     old, new = torch.randn(2, 2, 3, 128, 128)
     with torch.inference_mode():
-        _, (both,) = net(old, new, 2)
+        (both,) = net(old, new, 2)
         for k in range(2):
-            _, (alone,) = net(old[k : k + 1], new[k : k + 1], 2)
+            (alone,) = net(old[k : k + 1], new[k : k + 1], 2)
             torch.testing.assert_close(both[k : k + 1], alone, rtol=1e-4, atol=1e-4)
 
 
@@ -562,7 +560,7 @@ def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(
     file = Path(files_of_weights(f"our_{task.lower()}_{light}_light"))
     with_weights(lambda: problem.network, read_checkpoint(file)["weights"], file)
     problem.hold_out()
-    found = [scores[0] for scores in problem.scores(torch.device("cpu")).values()]
+    found = [scores[0] for scores in problem.scores("cpu").values()]
     np.testing.assert_allclose(found, [float(cell) for cell in cells], atol=within)
 
 
@@ -575,7 +573,7 @@ def test_options_of_a_training_reach_it(network, eres, tmp_path, monkeypatch):
         asked.append((type(settings).__name__, *given, device))
         raise TrainingError("asked")
 
-    monkeypatch.setattr("tasks.learned.training.start.start", record)
+    monkeypatch.setattr("tasks.learned.training.loop.start", record)
     given = "--light", "ideal", "--seed", 7, "--device", "cpu", "--out", tmp_path
     code, _, err = eres("train", network, "--config", "trial", *given)
     assert (code, err) == (1, "error: asked\n")

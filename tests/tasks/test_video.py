@@ -16,7 +16,7 @@ from tasks.evaluation.rendered_clip import RenderedClip
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import Video
-from tasks.methods.blank_video import BlankVideo
+from tasks.methods.baselines import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay
 from tasks.psnr import psnr_db
 from tasks.video import EQUALIZATIONS, ImageTaker, equalize, log_light, picture

@@ -31,7 +31,9 @@ def card(folders: Sequence[Path]) -> str:
             raise TrainingError(
                 f"{folder}: has no {files.WEIGHTS_FILE}; the training has not finished"
             )
-        kind = description.settings["task"], _settings(description)
+        # What twins and seeds share.
+        shared = {k: v for k, v in description.settings.items() if k not in ("light", "seed")}
+        kind = description.settings["task"], f"```json\n{json.dumps(shared, indent=2)}\n```"
         alike.setdefault(kind, []).append((folder, description, files.read_scores(folder)))
     for (task, settings), runs in alike.items():
         command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
@@ -69,9 +71,3 @@ def _origins(runs: Sequence[Run]) -> list[str]:
         name = f"{settings['light']} light, seed {settings['seed']}"
         origins.setdefault(f"{steps}; {made_with}.", []).append(name)
     return [f"{'; '.join(names)}: {origin}" for origin, names in origins.items()]
-
-
-def _settings(description: files.Description) -> str:
-    """Return the settings that twins and seeds share, as a block of JSON."""
-    shared = {k: v for k, v in description.settings.items() if k not in ("light", "seed")}
-    return f"```json\n{json.dumps(shared, indent=2)}\n```"

@@ -8,13 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sensor.representations import voxel_grid
 from tasks.learned.eraft_network import ERAFT
 from tasks.learned.ours import FLOW
 from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import FlowTraining
 from tasks.random_crops.crop import Crop
-from tasks.random_crops.samples import flow_sample
-from tasks.random_crops.settings import CropLight
 
 # Memory per pixel, pair of windows and channel of the first layer: in all, and for each update.
 _BYTES_PER_PX_AND_CHANNEL = 180  # 95 were measured
@@ -33,24 +32,31 @@ class Flow(Problem):
     score = "end-point error [px]"
     baselines = ("zero flow",)
 
-    def __init__(self, settings: FlowTraining, light: CropLight, seed: int) -> None:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            network = ERAFT(settings.bins, settings.narrower)
-        super().__init__(network, settings, light, seed)
-        self._settings = settings
+    settings: FlowTraining
+
+    def new_network(self) -> ERAFT:
+        """As `Problem.new_network`."""
+        return ERAFT(self.settings.bins, self.settings.narrower)
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
-        """As `Problem.sample`."""
-        return flow_sample(crop, self._settings.bins)
+        """As `Problem.sample`.
+
+        Returns
+        -------
+        (pairs + 1, bins, S, S) grids: a pair is one and the next; (pairs, 2, S, S) flow from the
+        start of the second window of a pair to its end, px.
+        """
+        grids = [voxel_grid(one, self.settings.bins, convention="eraft") for one in crop.events]
+        flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
+        return np.stack(grids), np.stack(flows)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
         """As `Problem.losses`: a single loss."""
         grids, flows = batch
         old, new, truth = (x.flatten(0, 1) for x in (grids[:, :-1], grids[:, 1:], flows))
-        _, updates = self.network(old, new, self._settings.updates)
+        updates = self.network(old, new, self.settings.updates)
         errors = [
-            self._settings.fading**k * torch.mean(torch.abs(flow - truth))
+            self.settings.fading**k * torch.mean(torch.abs(flow - truth))
             for k, flow in zip(reversed(range(len(updates))), updates, strict=True)
         ]
         yield torch.stack(errors).sum()
@@ -58,7 +64,7 @@ class Flow(Problem):
     def network_score(self, batch: Sequence[Tensor]) -> float:
         """As `Problem.network_score`: the end-point error at the last window."""
         grids, flows = batch
-        _, (flow,) = self.network(grids[:, -2], grids[:, -1])
+        (flow,) = self.network(grids[:, -2], grids[:, -1])
         return float(torch.linalg.vector_norm(flow - flows[:, -1], dim=1).mean())
 
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
@@ -68,7 +74,7 @@ class Flow(Problem):
 
     def step_bytes(self) -> int:
         """As `Problem.step_bytes`."""
-        settings = self._settings
+        settings = self.settings
         pairs = settings.schedule.crops_per_step * (settings.windows - 1)
         channels = _CHANNELS // settings.narrower
         per_channel = _BYTES_PER_PX_AND_CHANNEL + _BYTES_PER_UPDATE * settings.updates
@@ -77,5 +83,5 @@ class Flow(Problem):
     @property
     def values_per_px(self) -> int:
         """As `Problem.values_per_px`."""
-        settings = self._settings
+        settings = self.settings
         return settings.windows * settings.bins + (settings.windows - 1) * 2

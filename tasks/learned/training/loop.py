@@ -1,35 +1,41 @@
-"""The training loop: crops made ahead, AdamW, validation, checkpoints and final weights."""
+"""The training loop: crops made ahead, AdamW, validation, checkpoints, curve and final weights."""
 
 from __future__ import annotations
 
 import copy
+import csv
+import dataclasses
+import io
 import json
 import logging
 import math
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
-from torch.optim import Optimizer
+from matplotlib.figure import Figure
+from torch import Tensor
 
 from eres_render.cores import cores
 from eres_render.errors import reading
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import cost, silent
 from eres_render.sequence.sequence import read_ahead
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import write_bytes, write_text
+from sensor.cameras.files import values_of
 from sensor.memory import memory_bytes
 from tasks.errors import TrainingError
 from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save
 from tasks.learned.training import run_folder as files
-from tasks.learned.training.curve import draw_curve
-from tasks.learned.training.problem import Problem
-from tasks.learned.training.settings import Schedule
+from tasks.learned.training.flow import Flow
+from tasks.learned.training.problem import LIGHTS, Problem
+from tasks.learned.training.reconstruction import Reconstruction
+from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
+from tasks.random_crops.settings import CropLight
 
 Scores = dict[str, list[float]]
 
@@ -38,222 +44,253 @@ _logger = logging.getLogger(__name__)
 _BYTES_A_WEIGHT = 14  # on disk: half precision, and with two moments in the checkpoint
 
 
-@dataclass(slots=True)
-class LearningCurve:
-    """How far a training is.
-
-    Parameters
-    ----------
-    seconds
-        Time that these took, s.
-    curve
-        Step, seconds, loss and scores of each validation, by name.
-    """
-
-    step: int = 0
-    seconds: float = 0.0
-    curve: list[files.Row] = field(default_factory=list)
-    losses: list[float] = field(default_factory=list)
-
-
-def save_checkpoint(
-    folder: Path, progress: LearningCurve, network: nn.Module, optimizer: Optimizer
-) -> None:
-    """Write everything on which the next steps depend."""
-    content = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
-    write_checkpoint(folder / files.CHECKPOINT_FILE, {**asdict(progress), **content})
-
-
-def load_checkpoint(folder: Path, network: nn.Module, optimizer: Optimizer) -> LearningCurve:
-    """Load the last checkpoint, if there is one."""
-    file = folder / files.CHECKPOINT_FILE
-    if not file.exists():
-        return LearningCurve()
-    content = read_checkpoint(file)
-    kind = "the checkpoint of this training (delete it to start again)"
-    with reading(file, kind, TrainingError):
-        network.load_state_dict(content["network"])
-        optimizer.load_state_dict(content["optimizer"])
-        return LearningCurve(
-            content["step"], content["seconds"], content["curve"], content["losses"]
-        )
-
-
-def train(
-    problem: Problem,
-    schedule: Schedule,
-    folder: Path,
-    *,
-    device: str | None = None,
-    on_progress: OnProgress = silent,
-) -> Scores:
-    """Train a network, or continue after the last checkpoint.
+class Training:
+    """A network on its device, with its optimizer and how far it is.
 
     On the processor of the same machine, with the same number of threads, an interrupted training
     ends with the same weights as an uninterrupted one.
+
+    Parameters
+    ----------
+    device
+        "cpu", "cuda", or by default a GPU if there is one.
     """
-    if (folder / files.WEIGHTS_FILE).exists():
-        read_checkpoint(folder / files.WEIGHTS_FILE)  # it may be damaged
-        return {light: list(scores) for light, scores in files.read_scores(folder).scores.items()}
-    place = device_of(device)
-    problem.network.to(place).train()
-    optimizer = optimizer_of(problem, schedule)
-    progress = load_checkpoint(folder, problem.network, optimizer)
-    on_progress("held-out crops", progress.step, schedule.steps)
-    problem.hold_out()
-    saved_s = started_s = time.monotonic()
-    before_s = progress.seconds
-    steps = range(progress.step, schedule.steps)
-    with closing(read_ahead(problem.batch, steps)) as batches:
-        for batch in batches:
-            loss = learn(problem, schedule, optimizer, progress.step, batch, place)
-            progress.losses.append(loss)
-            progress.step += 1
-            now_s = time.monotonic()
-            progress.seconds = before_s + now_s - started_s
-            is_last = progress.step == schedule.steps
-            if progress.step % schedule.validate_every == 0 and not is_last:
-                _validate(problem, progress, place, folder)
-            if now_s - saved_s > 60 * schedule.checkpoint_minutes or is_last:
-                save_checkpoint(folder, progress, problem.network, optimizer)
-                saved_s = now_s
-            on_progress(_in_words(progress, problem), progress.step, schedule.steps)
-    _round_to_half(problem.network)
-    scores = _validate(problem, progress, place, folder)
-    content = {
-        "score": problem.score,
-        "baselines": problem.baselines,
-        "scores": scores,
-        "seconds": progress.seconds,
-        "steps": progress.step,
-        "device": place.type,
-    }
-    write_text(folder / files.SCORES_FILE, json.dumps(content, indent=2) + "\n")
-    origin = {"seed": problem.seed, "steps": progress.step}
-    save(folder / files.WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
-    return scores
 
+    def __init__(self, problem: Problem, device: str | None) -> None:
+        has_cuda = torch.cuda.is_available()
+        if device == "cuda" and not has_cuda:
+            raise TrainingError("device: 'cuda' needs a GPU, but PyTorch finds none")
+        self.device = device or ("cuda" if has_cuda else "cpu")
+        self._problem, self._network = problem, problem.network
+        self._schedule = problem.settings.schedule
+        self._check_memory()
+        self._network.to(self.device).train()
+        self._optimizer = torch.optim.AdamW(
+            self._network.parameters(), weight_decay=self._schedule.weight_decay
+        )
+        self.step = 0
+        self._seconds = 0.0  # that the steps took
+        # Step, seconds, loss and scores of each validation, by name; losses since the last one.
+        self._curve: list[dict[str, float]] = []
+        self._losses: list[float] = []
 
-def check_machine(problem: Problem, device: str | None) -> None:
-    """Check that this machine can train a network."""
-    needed, available, what = problem.memory_bytes(), memory_bytes(), "machine"
-    if device_of(device).type == "cuda":  # which holds the network and all it computes
-        available, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
-    if needed > available:
-        raise TrainingError(
-            f"train: needs about {needed / 1e9:.1f} GB of memory, but this {what} has "
-            f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
-            "schedule.validation_crops"
+    def _check_memory(self) -> None:
+        needed, available, what = self._problem.memory_bytes(), memory_bytes(), "machine"
+        if self.device == "cuda":  # which holds the network and all it computes
+            available, what = torch.cuda.get_device_properties(0).total_memory, "GPU"
+        if needed > available:
+            raise TrainingError(
+                f"train: needs about {needed / 1e9:.1f} GB of memory, but this {what} has "
+                f"{available / 1e9:.1f} GB; lower crops.side_px, schedule.crops_per_step or "
+                "schedule.validation_crops"
+            )
+
+    def save(self, folder: Path) -> None:
+        """Write everything on which the next steps depend."""
+        content = {
+            "step": self.step,
+            "seconds": self._seconds,
+            "curve": self._curve,
+            "losses": self._losses,
+            "network": self._network.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+        }
+        write_checkpoint(folder / files.CHECKPOINT_FILE, content)
+
+    def load(self, folder: Path) -> None:
+        """Load the last checkpoint, if there is one."""
+        file = folder / files.CHECKPOINT_FILE
+        if not file.exists():
+            return
+        content = read_checkpoint(file)
+        kind = "the checkpoint of this training (delete it to start again)"
+        with reading(file, kind, TrainingError):
+            self._network.load_state_dict(content["network"])
+            self._optimizer.load_state_dict(content["optimizer"])
+            self.step, self._seconds = content["step"], content["seconds"]
+            self._curve, self._losses = content["curve"], content["losses"]
+
+    def estimate(self) -> str:
+        """Describe in one line what it takes; a copy of the network learns one step twice."""
+        trial, schedule = Training(copy.deepcopy(self._problem), self.device), self._schedule
+        for _ in range(2):  # the first time it compiles
+            started_s = time.perf_counter()
+            batch = self._problem.batch(0)
+            made_s = time.perf_counter()
+            trial.learn(batch)
+        step_s = time.perf_counter() - made_s + (made_s - started_s) / cores()
+        weights = sum(tensor.numel() for tensor in self._network.parameters())
+        takes = cost(_BYTES_A_WEIGHT * weights, schedule.steps * step_s)
+        return (
+            f"{schedule.steps} steps of {schedule.crops_per_step} crops, {weights} weights: about "
+            f"{self._problem.memory_bytes() / 1e9:.1f} GB of memory, {takes}"
         )
 
+    def run(self, folder: Path, on_progress: OnProgress) -> Scores:
+        """Train the network, or continue after the last checkpoint."""
+        problem, schedule = self._problem, self._schedule
+        self.load(folder)
+        on_progress("held-out crops", self.step, schedule.steps)
+        problem.hold_out()
+        saved_s = started_s = time.monotonic()
+        before_s = self._seconds
+        steps = range(self.step, schedule.steps)
+        with closing(read_ahead(problem.batch, steps)) as batches:
+            for batch in batches:
+                self._losses.append(self.learn(batch))
+                self.step += 1
+                now_s = time.monotonic()
+                self._seconds = before_s + now_s - started_s
+                is_last = self.step == schedule.steps
+                if self.step % schedule.validate_every == 0 and not is_last:
+                    self._validate(folder)
+                if now_s - saved_s > 60 * schedule.checkpoint_minutes or is_last:
+                    self.save(folder)
+                    saved_s = now_s
+                on_progress(self._in_words(), self.step, schedule.steps)
+        self._network.half().float()  # as the weights are stored
+        scores = self._validate(folder)
+        content = {
+            "score": problem.score,
+            "baselines": problem.baselines,
+            "scores": scores,
+            "seconds": self._seconds,
+            "steps": self.step,
+            "device": self.device,
+        }
+        write_text(folder / files.SCORES_FILE, json.dumps(content, indent=2) + "\n")
+        origin = {"seed": problem.seed, "steps": self.step}
+        weights = folder / files.WEIGHTS_FILE
+        save(weights, self._network, problem.architecture, problem.light, origin)
+        return scores
 
-def estimate(problem: Problem, schedule: Schedule, device: str | None) -> str:
-    """Describe in one line what a training takes; a copy of the network learns one step twice."""
-    place, trial = device_of(device), copy.deepcopy(problem)
-    trial.network.to(place).train()
-    optimizer = optimizer_of(trial, schedule)
-    for _ in range(2):  # the first time it compiles
-        started_s = time.perf_counter()
-        batch = trial.batch(0)
-        made_s = time.perf_counter()
-        learn(trial, schedule, optimizer, 0, batch, place)
-    step_s = time.perf_counter() - made_s + (made_s - started_s) / cores()
-    weights = sum(tensor.numel() for tensor in problem.network.parameters())
-    takes = cost(_BYTES_A_WEIGHT * weights, schedule.steps * step_s)
-    return (
-        f"{schedule.steps} steps of {schedule.crops_per_step} crops, {weights} weights: about "
-        f"{problem.memory_bytes() / 1e9:.1f} GB of memory, {takes}"
-    )
-
-
-def device_of(name: str | None) -> torch.device:
-    """Return the device to train on: "cpu", "cuda", or by default a GPU if there is one."""
-    has_cuda = torch.cuda.is_available()
-    if name == "cuda" and not has_cuda:
-        raise TrainingError("device: 'cuda' needs a GPU, but PyTorch finds none")
-    return torch.device(name or ("cuda" if has_cuda else "cpu"))
-
-
-def optimizer_of(problem: Problem, schedule: Schedule) -> Optimizer:
-    """Return the optimizer of a training."""
-    return torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
-
-
-def learn(
-    problem: Problem,
-    schedule: Schedule,
-    optimizer: Optimizer,
-    step: int,
-    batch: list[Tensor],
-    place: torch.device,
-) -> float:
-    """Learn from a batch."""
-    for group in optimizer.param_groups:
-        group["lr"] = schedule.rate(step)
-    losses = problem.losses([tensor.to(place) for tensor in batch])
-    values: list[float] = []
-    while True:
-        with _autocast(place):
-            loss = next(losses, None)
-        if loss is None:
-            return math.fsum(values) / len(values)
-        values.append(float(loss.detach()))
-        if not math.isfinite(values[-1]):
-            raise TrainingError(
-                f"step {step}: the loss is {values[-1]}; lower schedule.learning_rate, and train "
-                "in another folder"
+    def learn(self, batch: Sequence[Tensor]) -> float:
+        """Learn from a batch, and return its mean loss."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._schedule.rate(self.step)
+        losses = self._problem.losses([tensor.to(self.device) for tensor in batch])
+        values: list[float] = []
+        while True:
+            with self._autocast():
+                loss = next(losses, None)
+            if loss is None:
+                return math.fsum(values) / len(values)
+            values.append(float(loss.detach()))
+            if not math.isfinite(values[-1]):
+                raise TrainingError(
+                    f"step {self.step}: the loss is {values[-1]}; lower schedule.learning_rate, "
+                    "and train in another folder"
+                )
+            self._optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(
+                self._network.parameters(), self._schedule.largest_gradient
             )
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(problem.network.parameters(), schedule.largest_gradient)
-        optimizer.step()
+            self._optimizer.step()
+
+    def _autocast(self) -> torch.autocast:
+        """Compute in bfloat16 if the device supports it, as with trained networks."""
+        on_gpu = self.device == "cuda"
+        is_fast = torch.cuda.is_bf16_supported(False) if on_gpu else has_bfloat16()  # not emulated
+        return torch.autocast(self.device, torch.bfloat16, enabled=is_fast)
+
+    def _validate(self, folder: Path) -> Scores:
+        """Score the network, and add a row to the learning curve."""
+        problem, losses = self._problem, self._losses
+        with self._autocast():
+            scores = problem.scores(self.device)
+        row = {"step": float(self.step), "seconds": self._seconds}
+        row["loss"] = math.fsum(losses) / len(losses) if losses else math.nan
+        losses.clear()
+        for light, values in scores.items():
+            for name, value in zip(("network", *problem.baselines), values, strict=True):
+                row[f"{light}, {name}"] = value
+        self._curve.append(row)
+        self._write_curve(folder)
+        _logger.info(self._in_words())
+        return scores
+
+    def _write_curve(self, folder: Path) -> None:
+        """Write the learning curve as a table, and as a picture with a panel for each light."""
+        curve, problem, text = self._curve, self._problem, io.StringIO(newline="")
+        table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in curve)
+        write_text(folder / "curve.csv", text.getvalue())
+        steps = [row["step"] for row in curve]
+        figure = Figure(figsize=(3.2 * len(LIGHTS), 2.8), layout="constrained")
+        panels = figure.subplots(1, len(LIGHTS), sharey=True)
+        for panel, light in zip(panels, LIGHTS, strict=True):
+            panel.set_title(light)
+            panel.set_xlabel("step")
+            scores = [row[f"{light}, network"] for row in curve]
+            panel.plot(steps, scores, color="C0", label="network")
+            for name, style in zip(problem.baselines, ("--", ":"), strict=False):
+                last = curve[-1][f"{light}, {name}"]
+                panel.axhline(last, color="0.4", linestyle=style, label=name)
+        panels[0].set_ylabel(problem.score)
+        panels[-1].legend(fontsize="small")
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=120)
+        write_bytes(folder / "curve.png", picture.getvalue())
+
+    def _in_words(self) -> str:
+        """Describe the progress in one line."""
+        problem, words = self._problem, [f"step {self.step}"]
+        if self._curve:
+            row = self._curve[-1]
+            words.append(f"loss {row['loss']:.4f}")
+            for light in LIGHTS:
+                others = (f"{name} {row[f'{light}, {name}']:.2f}" for name in problem.baselines)
+                words.append(f"{light} {row[f'{light}, network']:.2f} ({', '.join(others)})")
+            words[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
+        return ", ".join(words)
 
 
-def _autocast(place: torch.device) -> torch.autocast:
-    """Compute in bfloat16 if the device supports it, as with trained networks."""
-    on_gpu = place.type == "cuda"
-    is_fast = torch.cuda.is_bf16_supported(False) if on_gpu else has_bfloat16()  # not emulated
-    return torch.autocast(place.type, torch.bfloat16, enabled=is_fast)
+def start(
+    settings: ReconstructionTraining | FlowTraining,
+    light: CropLight,
+    seed: int,
+    folder: Path,
+    *,
+    device: str | None = None,
+    made_with: Mapping[str, str],
+    dry_run: bool = False,
+    on_progress: OnProgress = silent,
+) -> tuple[Problem, Scores]:
+    """Start or continue a training; the log first gives its time, memory and disk space.
 
+    Parameters
+    ----------
+    light
+        "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each.
+    seed
+        Seed of the crops and of the initial weights. The light changes neither the textures,
+        motions and thresholds of the crops nor the initial weights.
+    dry_run
+        Whether only to log what it would take; there are no scores then.
 
-def _validate(
-    problem: Problem, progress: LearningCurve, place: torch.device, folder: Path
-) -> Scores:
-    """Score the network, and add a row to the learning curve."""
-    with _autocast(place):
-        scores = problem.scores(place)
-    losses = progress.losses
-    row = {"step": float(progress.step), "seconds": progress.seconds}
-    row["loss"] = math.fsum(losses) / len(losses) if losses else math.nan
-    losses.clear()
-    for light, values in scores.items():
-        for name, value in zip(("network", *problem.baselines), values, strict=True):
-            row[f"{light}, {name}"] = value
-    progress.curve.append(row)
-    files.write_curve(folder, progress.curve)
-    draw_curve(folder / files.PICTURE_FILE, progress.curve, problem.score)
-    _logger.info(_in_words(progress, problem))
-    return scores
-
-
-def _in_words(progress: LearningCurve, problem: Problem) -> str:
-    """Describe the progress of a training in one line."""
-    words = [f"step {progress.step}"]
-    if progress.curve:
-        row = progress.curve[-1]
-        words.append(f"loss {row['loss']:.4f}")
-        for column, value in row.items():
-            light, _, name = column.partition(", ")
-            if name == "network":
-                others = [f"{other} {row[f'{light}, {other}']:.2f}" for other in problem.baselines]
-                words.append(f"{light} {value:.2f} ({', '.join(others)})")
-        words[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
-    return ", ".join(words)
-
-
-def _round_to_half(network: nn.Module) -> None:
-    """Round the weights to half precision, as they are stored."""
-    with torch.no_grad():
-        for tensor in network.state_dict().values():
-            if tensor.is_floating_point():
-                tensor.copy_(tensor.half())
+    Returns
+    -------
+    The problem with its network, and scores on the held-out crops, by light.
+    """
+    problem: Problem
+    if isinstance(settings, FlowTraining):
+        task, problem = "flow", Flow(settings, light, seed)
+    else:
+        task, problem = "reconstruction", Reconstruction(settings, light, seed)
+    described = {"task": task, "light": light, "seed": seed, **dataclasses.asdict(settings)}
+    del described["crops"]["sensor"]  # of which a file could change
+    if settings.crops.sensor:
+        described["crops"]["sensor"] = values_of(settings.crops.camera)
+    weights = folder / files.WEIGHTS_FILE
+    if weights.exists() and not dry_run:
+        with files.opened(folder, described, made_with):
+            read_checkpoint(weights)  # it may be damaged
+            return problem, {k: list(v) for k, v in files.read_scores(folder).scores.items()}
+    training = Training(problem, device)  # before the folder keeps settings that cannot be trained
+    _logger.info("%s", training.estimate())
+    if dry_run:
+        return problem, {}
+    with files.opened(folder, described, {**made_with, "device": training.device}):
+        return problem, training.run(folder, on_progress)

@@ -35,20 +35,18 @@ class Problem(ABC):
     """Names of the baselines with which the network is compared."""
 
     def __init__(
-        self,
-        network: nn.Module,
-        settings: ReconstructionTraining | FlowTraining,
-        light: CropLight,
-        seed: int,
+        self, settings: ReconstructionTraining | FlowTraining, light: CropLight, seed: int
     ) -> None:
-        self.network, self.light, self.seed = network, light, seed
-        self._crops, self._schedule = settings.crops, settings.schedule
-        self._windows = settings.windows
-        # What the held-out crops look like, and the number of windows before theirs.
-        self.held_out_crops: Crops = settings.crops
-        self.held_out_run_in = 0
-        self._held_out: dict[str, list[Tensor]] = {}
-        self._of_baselines: dict[str, list[float]] = {}
+        self.settings, self.light, self.seed = settings, light, seed
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.network = self.new_network()
+        # Samples of each light, and their scores with the baselines.
+        self._held_out: dict[str, tuple[list[Tensor], list[float]]] = {}
+
+    @abstractmethod
+    def new_network(self) -> nn.Module:
+        """Return the network before the first step."""
 
     @abstractmethod
     def sample(self, crop: Crop, run_in: int) -> Arrays:
@@ -80,7 +78,8 @@ class Problem(ABC):
 
         It is that of a step, of the held-out crops of all lights, and of scoring those of a light.
         """
-        held_out_px = self._schedule.validation_crops * self.held_out_crops.side_px**2
+        crops, _ = self.held_out()
+        held_out_px = self.settings.schedule.validation_crops * crops.side_px**2
         held_out = 4 * self.values_per_px * len(LIGHTS) + _BYTES_PER_SCORED_PX
         return self.step_bytes() + held_out * held_out_px
 
@@ -88,32 +87,35 @@ class Problem(ABC):
         """Return the number of windows before those from which a step learns."""
         return 0
 
+    def held_out(self) -> tuple[Crops, int]:
+        """Return what held-out crops look like, and the number of windows before theirs."""
+        return self.settings.crops, 0
+
     def batch(self, step: int) -> list[Tensor]:
         """Return the samples of a step; they depend only on settings, light, seed and step."""
-        count, run_in = self._schedule.crops_per_step, self.run_in(step)
+        crops, run_in = self.settings.crops, self.run_in(step)
+        count, windows = self.settings.schedule.crops_per_step, run_in + self.settings.windows
         samples = []
-        windows = run_in + self._windows
         for index in range(step * count, (step + 1) * count):
-            crop = random_crop(self._crops, windows, self.seed, index, light=self.light)
+            crop = random_crop(crops, windows, self.seed, index, light=self.light)
             samples.append(self.sample(crop, run_in))
         return _joined(samples)
 
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
-        crops, run_in = self.held_out_crops, self.held_out_run_in
-        windows = run_in + self._windows
+        crops, run_in = self.held_out()
+        windows = run_in + self.settings.windows
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
-            for index in range(self._schedule.validation_crops):
+            for index in range(self.settings.schedule.validation_crops):
                 crop = random_crop(
                     crops, windows, _HELD_OUT_SEED, index, light=cutoff_hz, held_out=True
                 )
                 samples.append(self.sample(crop, run_in))
                 scores.append(self.baseline_scores(crop, samples[-1]))
-            self._held_out[name] = _joined(samples)
-            self._of_baselines[name] = np.mean(scores, axis=0).tolist()
+            self._held_out[name] = _joined(samples), np.mean(scores, axis=0).tolist()
 
-    def scores(self, device: torch.device) -> dict[str, list[float]]:
+    def scores(self, device: str) -> dict[str, list[float]]:
         """Return mean scores on the held-out crops.
 
         Parameters
@@ -124,11 +126,11 @@ class Problem(ABC):
         self.network.eval()
         with torch.inference_mode():
             scores = {
-                name: self.network_score([tensor.to(device) for tensor in batch])
-                for name, batch in self._held_out.items()
+                name: [self.network_score([tensor.to(device) for tensor in batch]), *baselines]
+                for name, (batch, baselines) in self._held_out.items()
             }
         self.network.train()
-        return {name: [score, *self._of_baselines[name]] for name, score in scores.items()}
+        return scores
 
 
 def _joined(samples: Sequence[Arrays]) -> list[Tensor]:

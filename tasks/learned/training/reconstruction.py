@@ -13,14 +13,13 @@ from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 from tasks.learned.ours import RECONSTRUCTION
 from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import ReconstructionTraining
-from tasks.methods.blank_video import BlankVideo
+from tasks.methods.baselines import BlankVideo
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.high_pass_filter import HighPassFilter
-from tasks.methods.our_reconstruction import DECAYS
+from tasks.methods.our_reconstruction import DECAYS, InputGrids
 from tasks.psnr import psnr_db
 from tasks.random_crops.crop import Crop
-from tasks.random_crops.samples import EQUALIZATION, video_sample
-from tasks.random_crops.settings import CropLight
+from tasks.random_crops.settings import Crops
 from tasks.video import VideoMethod, picture
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
@@ -29,6 +28,7 @@ _GAIN = 2.0  # gain of the sums of events in the initial output, before the sigm
 _KEEP = 2.0  # initial bias of the keep gates: the memory lasts 8 windows; with 0 it would last 2
 _ERROR_FLOOR = 1e-3  # of mean squared errors, 30 dB: better images are as good
 _FLAT = 1e-4  # variance of a tile, of ranks from 0 to 1, below which it has little contrast
+_EQUALIZATION = "global"  # an area of 160 px is a tile of the local equalization at 1280 px
 _OTHERS = 0.1  # factor on the other channels' initial weights in the output layer
 
 
@@ -46,7 +46,11 @@ class Reconstruction(Problem):
     score = "PSNR [dB]"
     baselines = ("high-pass filter", "gray")
 
-    def __init__(self, settings: ReconstructionTraining, light: CropLight, seed: int) -> None:
+    settings: ReconstructionTraining
+
+    def new_network(self) -> E2VIDRecurrent:
+        """As `Problem.new_network`."""
+        settings = self.settings
         options = E2vidOptions(
             num_bins=settings.bins + len(DECAYS),
             num_encoders=settings.encoders,
@@ -54,35 +58,51 @@ class Reconstruction(Problem):
             num_residual_blocks=settings.residual_blocks,
             use_upsample_conv=False,
         )
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            network = E2VIDRecurrent(options)
+        network = E2VIDRecurrent(options)
         _start_as_the_filter(network)
-        super().__init__(network, settings, light, seed)
-        self._settings = settings
-        # As large as the area of the ranks, a tile at 1280 px.
-        self.held_out_crops = replace(settings.crops, side_px=settings.ranked_px)
-        self.held_out_run_in = settings.run_in_windows // 2
+        return network
+
+    def held_out(self) -> tuple[Crops, int]:
+        """As `Problem.held_out`: as large as the area of the ranks, a tile at 1280 px."""
+        settings = self.settings
+        crops = replace(settings.crops, side_px=settings.ranked_px)
+        return crops, settings.run_in_windows // 2
 
     def run_in(self, step: int) -> int:
         """As `Problem.run_in`."""
         drawn = np.random.SeedSequence([self.seed], spawn_key=(step, 0))
-        return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
+        return int(np.random.default_rng(drawn).integers(self.settings.run_in_windows + 1))
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
-        """As `Problem.sample`."""
-        return video_sample(crop, self._settings.bins, run_in, self._settings.ranked_px)
+        """As `Problem.sample`; events of the windows before still enter the sums.
+
+        Returns
+        -------
+        (windows, bins + 4, S, S) inputs of the network, and (windows, S, S) true images at the end
+        of each window, as the scorer shows them: the brightness of a pixel is its rank in an area
+        around the crop, in [0, 1].
+        """
+        side_px, ranked_px = crop.events[0].width, self.settings.ranked_px
+        inputs = InputGrids(side_px, side_px, crop.contrast_threshold, self.settings.bins)
+        grids = [inputs.push(events) for events in crop.events]
+        first = (ranked_px - side_px) // 2
+        inside = slice(first, first + side_px)
+        pictures = []
+        for k in range(run_in + 1, len(crop.events) + 1):
+            image = crop.log_image(k, ranked_px)
+            pictures.append(picture(image, image.shape, _EQUALIZATION)[inside, inside])
+        return np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
         """As `Problem.losses`: the network's memory continues, gradients stop at each loss."""
         grids, pictures = batch
         states: list[State] | None = None
-        for start in range(0, grids.shape[1], self._settings.windows_at_once):
+        for start in range(0, grids.shape[1], self.settings.windows_at_once):
             errors = []
-            for k in range(start, start + self._settings.windows_at_once):
+            for k in range(start, start + self.settings.windows_at_once):
                 image, states = self.network(grids[:, k], states)
                 pair = image[:, 0].float(), pictures[:, k]
-                in_tiles = [tiles_as_ranks(images, self._settings.tiles) for images in pair]
+                in_tiles = [tiles_as_ranks(images, self.settings.tiles) for images in pair]
                 errors.append(_log_error(*pair) + _log_error(*in_tiles))
             yield torch.stack(errors).mean()
             states = [tuple(part.detach() for part in state) for state in states or ()]
@@ -120,7 +140,7 @@ class Reconstruction(Problem):
 
     def step_bytes(self) -> int:
         """As `Problem.step_bytes`."""
-        settings = self._settings
+        settings = self.settings
         pixels = settings.schedule.crops_per_step * settings.crops.side_px**2
         per_px = _BYTES_PER_PX_AND_CHANNEL * settings.base_channels
         return per_px * pixels * settings.windows_at_once
@@ -128,7 +148,7 @@ class Reconstruction(Problem):
     @property
     def values_per_px(self) -> int:
         """As `Problem.values_per_px`."""
-        settings = self._settings
+        settings = self.settings
         return settings.windows * (settings.bins + len(DECAYS) + 1)
 
 
@@ -178,4 +198,4 @@ def _start_as_the_filter(network: E2VIDRecurrent) -> None:
 
 
 def _psnr_db(log_image: np.ndarray, truth: np.ndarray) -> float:
-    return psnr_db(picture(log_image, truth.shape, EQUALIZATION), truth)
+    return psnr_db(picture(log_image, truth.shape, _EQUALIZATION), truth)

@@ -1,9 +1,7 @@
-"""The folder of a training: its settings and its learning curve."""
+"""The folder of a training: its settings, its origin and its scores."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import logging
 from collections.abc import Iterator, Mapping
@@ -18,14 +16,10 @@ from eres_render.storage.settings_reader import differences, read_json
 from tasks.errors import TrainingError
 from tasks.provenance import together
 
-SETTINGS_FILE, CURVE_FILE, PICTURE_FILE = "training.json", "curve.csv", "curve.png"
-CHECKPOINT_FILE, WEIGHTS_FILE, SCORES_FILE = "checkpoint.pt", "weights.pt", "scores.json"
-
-_TRAINED = WEIGHTS_FILE, CHECKPOINT_FILE  # what a training leaves, besides its settings
+SETTINGS_FILE, SCORES_FILE = "training.json", "scores.json"
+CHECKPOINT_FILE, WEIGHTS_FILE = "checkpoint.pt", "weights.pt"
 
 _logger = logging.getLogger(__name__)
-
-Row = dict[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,41 +80,35 @@ def opened(
     try:
         with locked(folder / ".lock", wait=False):
             clear_unfinished(folder)
+            is_finished = (folder / WEIGHTS_FILE).exists()
             if file.exists():
-                _check_same(file, settings)
-                if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
-                    made_with = _with_earlier_starts(folder, made_with)
-                    _write(file, read_description(folder).settings, made_with)
-            elif untold := [name for name in _TRAINED if (folder / name).exists()]:
+                stored = read_description(folder)
+                given = json.loads(json.dumps(settings))
+                for name, value, expected in differences(stored.settings, given):
+                    raise TrainingError(
+                        f"{file}: {name}: found {value!r}, expected {expected!r}; choose another "
+                        "folder"
+                    )
+                if (folder / CHECKPOINT_FILE).exists() and not is_finished:
+                    made_with = _continued(folder, stored.made_with, made_with)
+            elif is_finished or (folder / CHECKPOINT_FILE).exists():
+                untold = WEIGHTS_FILE if is_finished else CHECKPOINT_FILE
                 raise TrainingError(
-                    f"{file}: is missing, so the settings of {untold[0]} are unknown; choose "
-                    "another folder"
+                    f"{file}: is missing, so the settings of {untold} are unknown; choose another "
+                    "folder"
                 )
-            else:
-                _write(file, settings, made_with)
+            if not is_finished:
+                description = {"settings": settings, "made_with": dict(made_with)}
+                write_text(file, json.dumps(description, indent=2) + "\n")
             yield
     except LockedError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
 
 
-def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
-    stored = read_description(file.parent).settings
-    for name, value, expected in differences(stored, json.loads(json.dumps(settings))):
-        raise TrainingError(
-            f"{file}: {name}: found {value!r}, expected {expected!r}; choose another folder"
-        )
-
-
-def _write(file: Path, settings: Mapping[str, Any], made_with: Mapping[str, str]) -> None:
-    description = {"settings": settings, "made_with": dict(made_with)}
-    write_text(file, json.dumps(description, indent=2) + "\n")
-
-
-def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str, str]:
+def _continued(
+    folder: Path, before: Mapping[str, str], made_with: Mapping[str, str]
+) -> dict[str, str]:
     """Return code, machine and versions of all starts that left something; warn of other code."""
-    if not (folder / CHECKPOINT_FILE).exists():
-        return dict(made_with)
-    before = read_description(folder).made_with
     code = str(made_with.get("code"))
     if code.endswith("-dirty") or str(before.get("code")).split("; ")[-1] != code:
         _logger.warning(
@@ -141,12 +129,3 @@ def read_description(folder: Path) -> Description:
 def read_scores(folder: Path) -> FinalScores:
     """Return the scores of a finished training."""
     return read_json(FinalScores, folder / SCORES_FILE, TrainingError)
-
-
-def write_curve(folder: Path, curve: list[Row]) -> None:
-    """Write the learning curve as a table."""
-    text = io.StringIO(newline="")
-    table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in curve)
-    write_text(folder / CURVE_FILE, text.getvalue())

@@ -75,13 +75,8 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
     follows = inside & (sample.t_before_us >= 0)
     residuals = int(np.count_nonzero(follows))
     inside &= follows | np.append(follows[1:], False)  # a pixel's only event gives no residual
-    events = PixelEvents(
-        sample.x[inside],
-        sample.y[inside],
-        sample.t_us[inside],
-        sample.t_before_us[inside],
-        sample.p[inside].astype(np.int16),
-    )
+    x, y, t_us, t_before_us, p = (getattr(sample, name)[inside] for name in PixelEvents._fields)
+    events = PixelEvents(x, y, t_us, t_before_us, p.astype(np.int16))
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = Problem(
         events=events,
