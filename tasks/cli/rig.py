@@ -32,6 +32,7 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     overwrite
         Replace existing files.
     """
+    from eres_render.storage.atomic import write_text
     from tasks.events.overwriting import check_new
     from tasks.rig import page as pages
     from tasks.rig.settings import read_rig
@@ -45,7 +46,7 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     codes = pages.draw(layout, settings, rig.parent)
     for file in sorted({out, image}):
         pages.write_print(file, codes, layout, overwrite=overwrite)
-    pages.write_page(numbers, layout, overwrite=overwrite)
+    write_text(numbers, pages.json_text(layout), overwrite=overwrite)
     terminal.say(
         f"{out}: {layout.width_m * 100:.1f} x {layout.height_m * 100:.1f} cm, "
         f"{len(layout.markers_m)} markers of {layout.marker_m * 1e3:.2f} mm"
@@ -190,7 +191,7 @@ def detect(
         Replace an existing file.
     """
     from tasks.events.overwriting import check_new
-    from tasks.rig.detect import detect as find
+    from tasks.rig.markers import detect as find
     from tasks.rig.markers import write_detections
     from tasks.rig.recording import open_rig_recording, recorded_files
 
@@ -247,7 +248,7 @@ def solve(
         Replace an existing file.
     """
     from tasks.events.overwriting import check_new
-    from tasks.rig.bundle import Unknowns
+    from tasks.rig.bundle import CORNER_BIAS, LATENCY, SCALE
     from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
     from tasks.rig.markers import read_detections
     from tasks.rig.recording import open_rig_recording, recorded_files
@@ -255,7 +256,8 @@ def solve(
     require(recordings, "recording")
     for folder in recordings:
         check_new(out, overwrite, folder / corners, *recorded_files(folder))
-    unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
+    asked = {LATENCY: latency, SCALE: scale, CORNER_BIAS: corner_bias}
+    unknowns = tuple(name for name, is_asked in asked.items() if is_asked)
     opened = [open_rig_recording(folder) for folder in recordings]
     solved = [
         solve_recording(recording, read_detections(recording.folder / corners), unknowns, max_rms)
@@ -271,7 +273,7 @@ def solve(
     terminal.show(table)
     for recording, result in zip(opened, solved, strict=True):
         if (truth := read_truth(recording)) is not None:
-            errors = compare(result.pose.pose(), truth, recording.camera, result.x_m)
+            errors = compare(result.pose.on(recording.camera), truth, result.x_m)
             terminal.say(
                 f"{recording.folder.name}, against the truth: position {errors.position_mm:.3f} "
                 f"mm, turn {1e3 * errors.turn_deg:.1f} mdeg, image {errors.image_px:.4f} px, flow "

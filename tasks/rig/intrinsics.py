@@ -26,6 +26,7 @@ from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.bundle import inverse_of
 from tasks.rig.markers import gray_codes
+from tasks.rig.recording import span_us
 from tasks.video import ImageTaker
 
 Float64 = NDArray[np.float64]
@@ -87,10 +88,8 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     images
         (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
     """
-    parts = [part for part in read_events(path, size=size) if len(part)]
-    if not parts:
-        raise RigError(f"{path}: has no events")
-    first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
+    parts = list(read_events(path, size=size))
+    first_us, last_us = span_us(path, parts)
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
     taker = ImageTaker(hp, wanted_us)

@@ -13,12 +13,12 @@ from tasks.rig.page import (
     INK,
     PAPER,
     draw,
+    json_text,
     lay_out,
     markers,
     read_page,
     read_page_image,
     reflectance,
-    write_page,
     write_print,
 )
 from tasks.rig.settings import PageSettings, RigCamera, RigSettings, SliderSettings, read_rig
@@ -95,7 +95,7 @@ def test_reflectance_runs_from_ink_to_paper(page, image):
 
 def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
     """Promise: PNG and PDF have the printed size; page.json is read back bit by bit."""
-    write_page(tmp_path / "page.json", page)
+    (tmp_path / "page.json").write_text(json_text(page))
     assert read_page(tmp_path / "page.json") == page
     for name in ("page.png", "page.pdf"):
         write_print(tmp_path / name, image, page)
