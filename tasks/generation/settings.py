@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from dataclasses import dataclass
@@ -175,7 +174,7 @@ def _whole_microseconds(seconds: float) -> float:
 
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
     """Write the settings of a dataset into its folder, or check that they match those in it."""
-    claim_table(_table(settings), out)
+    claim_table({**json_values(settings), "sensor": values_of(settings.sensor)}, out)
 
 
 def claim_table(table: dict[str, Any], out: Path) -> None:
@@ -193,13 +192,6 @@ def claim_table(table: dict[str, Any], out: Path) -> None:
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
         raise TaskError(f"{out}: contains other files; choose a new folder, or that of a dataset")
     write_text(file, json.dumps(table, indent=1) + "\n")
-
-
-def _table(settings: DatasetSettings) -> dict[str, Any]:
-    """Return the settings as values for JSON: lists, and infinity as a text."""
-    names = [field.name for field in dataclasses.fields(settings) if field.name != "sensor"]
-    table = {name: json_values(getattr(settings, name)) for name in names}
-    return {**table, "sensor": values_of(settings.sensor)}
 
 
 def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""One random crop: what a small part of a sensor sees and reports, with the truth."""
+"""One random crop: what a small part of a sensor sees and reports, the truth, and samples."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events, simulate
+from sensor.representations import voxel_grid
+from tasks.methods.our_reconstruction import InputGrids
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.settings import CropLight, Crops
-from tasks.random_crops.texture import random_texture
-from tasks.random_crops.view import view
+from tasks.random_crops.texture import random_texture, view
+from tasks.video import picture
+
+Float32 = NDArray[np.float32]
+
+EQUALIZATION = "global"  # an area of 160 px is a tile of the local equalization at 1280 px
 
 _HELD_OUT = 1 << 64  # larger than any seed
 
@@ -43,13 +49,13 @@ class Crop:
 
     events: tuple[Events, ...]
     ends_us: tuple[int, ...]
-    texture: NDArray[np.float32]
+    texture: Float32
     motion: Motion
     contrast_threshold: float
     cutoff_hz: float
     dark_level: float
 
-    def log_image(self, t: float, side_px: int) -> NDArray[np.float32]:
+    def log_image(self, t: float, side_px: int) -> Float32:
         """Return what an ideal sensor sees at a time.
 
         Parameters
@@ -96,7 +102,7 @@ def random_crop(
     motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, crops.texels_per_px))
     times = _frame_times(motion, windows, crops.max_displacement_px)
 
-    def frames() -> Iterator[NDArray[np.float32]]:
+    def frames() -> Iterator[Float32]:
         for homography in motion.homographies(times):
             yield view(texture, homography, crops.side_px)
 
@@ -121,3 +127,48 @@ def _frame_times(motion: Motion, windows: int, max_displacement_px: float) -> ND
         count = math.ceil(motion.fastest_px(k) / max_displacement_px)
         times.append(k + np.arange(1, count + 1) / count)
     return np.concatenate(times)
+
+
+def video_sample(crop: Crop, bins: int, run_in: int, ranked_px: int) -> tuple[Float32, Float32]:
+    """Return a sample of video reconstruction.
+
+    Parameters
+    ----------
+    run_in
+        Number of windows at the start that are left out; their events still enter the sums.
+    ranked_px
+        Side of the area with the same middle in which pixels are ranked, px; the crop's or larger.
+
+    Returns
+    -------
+    grids
+        (windows, bins + 4, S, S) inputs of the network.
+    pictures
+        (windows, S, S) true image at the end of each window, as the scorer shows it: the brightness
+        of a pixel is its rank in an area around the crop, in [0, 1].
+    """
+    side_px = crop.events[0].width
+    inputs = InputGrids(side_px, side_px, crop.contrast_threshold, bins)
+    grids = [inputs.push(events) for events in crop.events]
+    first = (ranked_px - side_px) // 2
+    inside = slice(first, first + side_px)
+    pictures = []
+    for k in range(run_in + 1, len(crop.events) + 1):
+        image = crop.log_image(k, ranked_px)
+        pictures.append(picture(image, image.shape, EQUALIZATION)[inside, inside])
+    return np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32)
+
+
+def flow_sample(crop: Crop, bins: int) -> tuple[Float32, Float32]:
+    """Return a sample of dense flow: successive windows make a pair.
+
+    Returns
+    -------
+    grids
+        (pairs + 1, bins, S, S): a pair is a grid and the next one.
+    flows
+        (pairs, 2, S, S) px, from the start of the second window of a pair to its end.
+    """
+    grids = [voxel_grid(events, bins, convention="eraft") for events in crop.events]
+    flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
+    return np.stack(grids), np.stack(flows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,29 +16,15 @@ _SHARE_OF_WAVES = 0.7  # in the speed; the rest is steady
 _SAMPLES = 8  # in a window, to find how fast the corners move
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Path:
-    """A coordinate over time: steady motion, and waves around it."""
-
-    start: float
-    rate: float
-    amplitudes: Float64
-    rates: Float64
-    phases: Float64
-
-    def __call__(self, t: Float64) -> Float64:
-        angles = self.rates * t[..., None] + self.phases
-        return self.start + self.rate * t + np.sin(angles) @ self.amplitudes
-
-
 def _random_path(
     rng: np.random.Generator, start: float, speed: float, steady: float, largest: float = math.inf
-) -> _Path:
-    """Draw a path."""
+) -> Callable[[Float64], Float64]:
+    """Draw a coordinate over time, (N,): steady motion, and waves around it."""
     shortest, longest = map(math.log, _PERIODS)
     rates = 2 * math.pi / np.exp(rng.uniform(shortest, longest, _WAVES))
     amplitudes = np.minimum(speed * rng.uniform(0.5, 1.0, _WAVES) / rates, largest)
-    return _Path(start, steady, amplitudes, rates, rng.uniform(0, 2 * math.pi, _WAVES))
+    phases = rng.uniform(0, 2 * math.pi, _WAVES)
+    return lambda t: start + steady * t + np.sin(rates * t[..., None] + phases) @ amplitudes
 
 
 class Motion:

@@ -1,4 +1,4 @@
-"""Random periodic textures: noise, leaves, patches and repeated motifs, and layers of them.
+"""Random periodic textures: noise, leaves, patches and repeated motifs, and layers of them; views.
 
 None of them is a texture of a packaged scene. They have contrast at all scales down to a texel,
 since resolutions differ in the detail that a pixel averages.
@@ -19,6 +19,7 @@ Float32 = NDArray[np.float32]
 jit = compiler(Path(__file__).parent)
 
 SIDE = 512  # texels, a power of two
+SUBPIXELS = 2  # samples of a view along each side of a pixel
 DARKEST, BRIGHTEST = 0.01, 1.0
 _GRAIN = (0.05, 3.0)  # of the contrast without it: flat areas, or nothing but grain
 _MIN_LEAF, _MAX_LEAF = 2.0, 80.0  # radii in texels
@@ -132,3 +133,49 @@ def paint_leaves(image: Float32, leaves: NDArray[np.float64]) -> None:
                     inside = along * along + across * across <= 1
                 if inside:
                     image[row & last, column & last] = gray
+
+
+@jit
+def view(
+    texture: NDArray[np.float32], homography: NDArray[np.float64], side_px: int
+) -> NDArray[np.float32]:
+    """Average a texture over each pixel.
+
+    A pixel is the mean of 2 x 2 samples, each interpolated bilinearly. OpenCV's `warpPerspective`
+    would round positions to 1/32 px, and motion in such steps causes false events.
+
+    Parameters
+    ----------
+    texture
+        (S, S) linear radiance, periodic; S is a power of two.
+    homography
+        (3, 3), from pixels to texels, both with centers at integers + 0.5.
+    side_px
+        Side of the image, px.
+
+    Returns
+    -------
+    (side_px, side_px) linear radiance.
+    """
+    last = texture.shape[0] - 1
+    image = np.empty((side_px, side_px), np.float32)
+    h = homography
+    for row in range(side_px):
+        for column in range(side_px):
+            total = 0.0
+            for j in range(SUBPIXELS):
+                y = row + (j + 0.5) / SUBPIXELS
+                for i in range(SUBPIXELS):
+                    x = column + (i + 0.5) / SUBPIXELS
+                    scale = 1.0 / (h[2, 0] * x + h[2, 1] * y + h[2, 2])
+                    u = scale * (h[0, 0] * x + h[0, 1] * y + h[0, 2]) - 0.5
+                    v = scale * (h[1, 0] * x + h[1, 1] * y + h[1, 2]) - 0.5
+                    left, top = math.floor(u), math.floor(v)
+                    right, down = u - left, v - top
+                    c0, c1 = left & last, (left + 1) & last
+                    r0, r1 = top & last, (top + 1) & last
+                    above = texture[r0, c0] + right * (texture[r0, c1] - texture[r0, c0])
+                    below = texture[r1, c0] + right * (texture[r1, c1] - texture[r1, c0])
+                    total += above + down * (below - above)
+            image[row, column] = total / (SUBPIXELS * SUBPIXELS)
+    return image

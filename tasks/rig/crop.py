@@ -68,16 +68,11 @@ class Box:
         """Height, px."""
         return self.bottom - self.top
 
-    def corners(self) -> Float64:
-        """Return the corners, (4, 2) px, clockwise from the top left."""
-        (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
-        return np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
-
     def sides(self) -> Float64:
         """Return points along the sides, (4, N, 2) px, clockwise from the top left."""
-        starts = self.corners()
-        ends = np.roll(starts, -1, axis=0)
-        return np.linspace(starts, ends, _ALONG_SIDE, axis=1)
+        (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
+        starts = np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
+        return np.linspace(starts, np.roll(starts, -1, axis=0), _ALONG_SIDE, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,12 +12,17 @@ from sensor.representations import voxel_grid
 from tasks.errors import TaskError
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS, OurReconstruction
-from tasks.random_crops.crop import random_crop
+from tasks.random_crops.crop import flow_sample, random_crop, video_sample
 from tasks.random_crops.motion import Motion
-from tasks.random_crops.samples import flow_sample, video_sample
 from tasks.random_crops.settings import Crops, FlowCrops
-from tasks.random_crops.texture import DARKEST, fractal, paint_leaves, random_texture
-from tasks.random_crops.view import SUBPIXELS, view
+from tasks.random_crops.texture import (
+    DARKEST,
+    SUBPIXELS,
+    fractal,
+    paint_leaves,
+    random_texture,
+    view,
+)
 from tasks.video import ImageTaker, picture
 
 SIDE = 24
@@ -199,7 +204,7 @@ class Recorder:
 def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
     """Promise: inputs of training equal those of evaluation bit by bit, and targets are the
     pictures with which the scorer compares the image at a window's end."""
-    sample = video_sample(crop, 5, run_in=0, ranked_px=SIDE)
+    grids, pictures = video_sample(crop, 5, run_in=0, ranked_px=SIDE)
     network = Recorder()
     window_us = 1e3 * CROPS.window_ms
     method = OurReconstruction(
@@ -209,21 +214,21 @@ def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
     for events in crop.events:
         list(taker.take(events))
     list(taker.rest())
-    np.testing.assert_array_equal(sample.grids, network.grids)
+    np.testing.assert_array_equal(grids, network.grids)
     for k in range(WINDOWS):
         image = crop.log_image(k + 1, SIDE)
         expected = picture(image, image.shape, "global")
-        np.testing.assert_allclose(sample.pictures[k], expected, atol=1e-6)
-    late = video_sample(crop, 5, run_in=2, ranked_px=SIDE)
-    np.testing.assert_array_equal(late.grids, sample.grids[2:])
-    np.testing.assert_array_equal(late.pictures, sample.pictures[2:])
+        np.testing.assert_allclose(pictures[k], expected, atol=1e-6)
+    late_grids, late_pictures = video_sample(crop, 5, run_in=2, ranked_px=SIDE)
+    np.testing.assert_array_equal(late_grids, grids[2:])
+    np.testing.assert_array_equal(late_pictures, pictures[2:])
 
 
 def test_pixels_are_ranked_in_a_larger_area(crop):
     """Promise: targets are the middle of a larger picture, so a crop within something bright is
     bright."""
-    wide = video_sample(crop, 5, run_in=0, ranked_px=2 * SIDE)
-    for k, found in enumerate(wide.pictures, start=1):
+    _, pictures = video_sample(crop, 5, run_in=0, ranked_px=2 * SIDE)
+    for k, found in enumerate(pictures, start=1):
         image = crop.log_image(k, 2 * SIDE)
         middle = slice(SIDE // 2, SIDE // 2 + SIDE)
         np.testing.assert_allclose(image[middle, middle], crop.log_image(k, SIDE), atol=1e-5)
@@ -234,7 +239,7 @@ def test_pixels_are_ranked_in_a_larger_area(crop):
 def test_inputs_are_in_log_units(crop):
     """Promise: bins add up to C times the polarities; each other channel is the high-pass filter
     without decay in time and with its own decay per event, the last one with the filter's."""
-    grids = video_sample(crop, 5, run_in=0, ranked_px=SIDE).grids
+    grids, _ = video_sample(crop, 5, run_in=0, ranked_px=SIDE)
     size = SIDE, SIDE, crop.contrast_threshold
     filters = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS[:-1]]
     filters.append(HighPassFilter(*size, cutoff_hz=0.0))
@@ -249,12 +254,12 @@ def test_inputs_are_in_log_units(crop):
 
 def test_a_flow_sample_pairs_windows_with_the_later_ones_flow(crop):
     """Promise: the flow is over the second window of a pair."""
-    sample = flow_sample(crop, 5)
-    assert sample.grids.shape == (WINDOWS, 5, SIDE, SIDE)
+    grids, flows = flow_sample(crop, 5)
+    assert grids.shape == (WINDOWS, 5, SIDE, SIDE)
     for k in range(1, WINDOWS):
-        np.testing.assert_array_equal(sample.flows[k - 1], crop.motion.flow(k, k + 1))
+        np.testing.assert_array_equal(flows[k - 1], crop.motion.flow(k, k + 1))
         grid = voxel_grid(crop.events[k], 5, convention="eraft")
-        np.testing.assert_array_equal(sample.grids[k], grid)
+        np.testing.assert_array_equal(grids[k], grid)
 
 
 def test_a_camera_gives_what_crops_do_not_draw(tmp_path):

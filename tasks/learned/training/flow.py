@@ -12,8 +12,7 @@ from tasks.learned.eraft_network import ERAFT
 from tasks.learned.ours import FLOW
 from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import FlowTraining
-from tasks.random_crops.crop import Crop
-from tasks.random_crops.samples import flow_sample
+from tasks.random_crops.crop import Crop, flow_sample
 from tasks.random_crops.settings import CropLight
 
 # Memory per pixel, pair of windows and channel of the first layer: in all, and for each update.

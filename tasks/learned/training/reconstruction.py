@@ -18,8 +18,7 @@ from tasks.methods.e2vid import DARKEST
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS
 from tasks.psnr import psnr_db
-from tasks.random_crops.crop import Crop
-from tasks.random_crops.samples import EQUALIZATION, video_sample
+from tasks.random_crops.crop import EQUALIZATION, Crop, video_sample
 from tasks.random_crops.settings import CropLight
 from tasks.video import VideoMethod, picture
 

@@ -715,7 +715,7 @@ def test_common_field_of_two_distances(recording, frames_solved, roll_deg):
     boxes = common_boxes([near, far], frames_solved.x_m)
     for x in frames_solved.x_m:
         inner, outer = (
-            np.linalg.inv(homography(pose, x)) @ np.c_[box.corners(), np.ones(4)].T
+            np.linalg.inv(homography(pose, x)) @ np.c_[box.sides()[:, 0], np.ones(4)].T
             for pose, box in zip((far, near), reversed(boxes), strict=True)
         )
         (low, high), (left, right) = (
