@@ -15,9 +15,8 @@ from eres_render.storage.locks import LockedError, locked
 from tasks import DISTRIBUTION
 from tasks.cluster import connected, outcome
 from tasks.errors import TaskError
-from tasks.generation.estimate import estimate
 from tasks.generation.sequence import UNFINISHED, complete_sequence, part, sequence_folder
-from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
+from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder, estimate
 
 _log = logging.getLogger(__name__)
 

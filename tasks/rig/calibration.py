@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion
@@ -19,8 +19,6 @@ from tasks.rig.bundle import Corners, RigPose, solve
 from tasks.rig.markers import Detections
 from tasks.rig.page import json_text
 from tasks.rig.recording import RigRecording
-
-Float64 = NDArray[np.float64]
 
 TRUTH_NAME = "truth.json"
 GAUGE = "page: x right, y down, z into the page, origin in its top left corner, meters"

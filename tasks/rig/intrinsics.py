@@ -220,11 +220,10 @@ def intrinsics(
         sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
             raise RigError(f"{path}: the recordings have different sensor sizes: {sorted(sizes)}")
-        for gray in board_images(path, size):
-            view_px = find_board(gray, board)
-            if view_px is not None:
-                views_px[path] = view_px
-                break
+        found = (find_board(gray, board) for gray in board_images(path, size))
+        view_px = next((corners_px for corners_px in found if corners_px is not None), None)
+        if view_px is not None:
+            views_px[path] = view_px
         on_progress("looking for the board", k + 1, len(paths))
     camera, sigmas, rms_px = calibrate([*views_px.values()], board, *sizes.pop())
     return Intrinsics(camera, sigmas, rms_px, tuple(views_px))

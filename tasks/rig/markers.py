@@ -165,7 +165,10 @@ def detect(
         pictures = _from_events(recording, source, images, max_speed_mps, contrast_threshold)
     rows = []
     for k, (time_us, image) in enumerate(pictures):
-        numbers, *others = find_markers(_codes(image, blur_px), *of_page)
+        if blur_px > 0:
+            image = cv2.GaussianBlur(image, (0, 0), blur_px)
+        gray = image if image.dtype == np.uint8 else gray_codes(image)
+        numbers, *others = find_markers(gray, *of_page)
         rows.append((np.full(len(numbers), time_us, np.int64), numbers, *others))
         on_progress("detecting", k + 1, images)
     t_us, numbers, corners_px, scores = map(np.concatenate, zip(*rows, strict=True))
@@ -174,13 +177,6 @@ def detect(
             f"{recording.folder}: none of {len(rows)} images shows a marker of {page.dictionary}"
         )
     return Detections(t_us, numbers, corners_px, scores, source)
-
-
-def _codes(image: NDArray[Any], blur_px: float) -> NDArray[np.uint8]:
-    """Blur an image, and stretch it to 8 bits unless it has them already."""
-    if blur_px > 0:
-        image = cv2.GaussianBlur(image, (0, 0), blur_px)
-    return image if image.dtype == np.uint8 else gray_codes(image)
 
 
 def _frames(recording: RigRecording, images: int, max_speed_mps: float) -> Pictures:

@@ -214,7 +214,6 @@ def write_print(
     image
         (H, W) image of the page, as `draw` returns it.
     """
-    check_print(path)
     dpi = INCH_M / page.dot_m
     data = io.BytesIO()
     if path.suffix == ".pdf":

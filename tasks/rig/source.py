@@ -30,7 +30,6 @@ Float64 = NDArray[np.float64]
 MAX_ITEMS = 1_000_000
 """Items of a task in a visit to a place."""
 
-_PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 _MARGIN_US = 20_000  # a path lasts 14 ms, and has a control pose before it and one after it
 
 
@@ -58,7 +57,7 @@ class CropSource(Source):
         return self._pose.camera
 
     def plane(self) -> Plane:
-        return _PLANE
+        return Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
     def log_image(self) -> Float64:
         return self._log_view(self._first.x_m[0])

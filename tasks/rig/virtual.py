@@ -28,8 +28,6 @@ from tasks.rig.recording import FRAMES_FOLDER
 from tasks.rig.settings import RIG_FILE, RigSettings, SliderSettings, check_bounds, read_rig
 from tasks.rig.slider import SLIDER_FILE, Slider, slider_text, strokes
 
-Float64 = NDArray[np.float64]
-
 LIGHT_FOLDER = "light"
 
 _MARGIN = 1.2  # size of the wall over what the camera sees of it

@@ -12,6 +12,7 @@ from tasks.errors import RigError
 from tasks.rig.page import (
     INK,
     PAPER,
+    check_print,
     draw,
     json_text,
     lay_out,
@@ -106,7 +107,7 @@ def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
     points = pdf[pdf.index(b"MediaBox") :].split(b"[")[1].split(b"]")[0].split()
     assert float(points[2]) == pytest.approx(72 * page.width_m / 0.0254, rel=1e-3)
     with pytest.raises(RigError, match=r"page\.jpg: .*\.pdf or \.png"):
-        write_print(tmp_path / "page.jpg", image, page)
+        check_print(tmp_path / "page.jpg")
 
 
 def test_an_image_file_can_be_the_picture(tmp_path):
