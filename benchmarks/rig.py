@@ -32,7 +32,7 @@ from tasks.rig.bundle import CORNER_BIAS, LATENCY, RigPose
 from tasks.rig.calibration import StoredPose, compare, read_truth, solve_recording
 from tasks.rig.markers import Refinement, detect
 from tasks.rig.page import PAPER, draw, json_text, lay_out, write_print
-from tasks.rig.recording import RigRecording, open_rig_recording
+from tasks.rig.recording import RigRecording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import slider_text, strokes
 from tasks.rig.virtual import render_rig, true_pose, write_page_scene
@@ -110,7 +110,7 @@ def recording_of(folder: Path, sensor: str) -> RigRecording:
     """Open a recording with the events of one of the two sensors."""
     (folder / "events.h5").unlink(missing_ok=True)
     (folder / "events.h5").symlink_to(folder.resolve() / f"{sensor}.h5")
-    return open_rig_recording(folder)
+    return RigRecording(folder)
 
 
 def stills_of(out: Path, width: int, depth_m: float) -> None:
@@ -161,7 +161,7 @@ def main(out: Path, settings: list[str]) -> None:
             events_of(folder, light_of(folder, int(width), depth_m, float(travel)))
             sources = SOURCES if width < FINE_PX else FINE_SOURCES
         for source, sensor, blur_px, unknowns in sources:
-            recording = recording_of(folder, sensor) if sensor else open_rig_recording(folder)
+            recording = recording_of(folder, sensor) if sensor else RigRecording(folder)
             start = times_now()
             found = detect(recording, source, images=IMAGES, blur_px=blur_px, refinement=refinement)
             detected = times_now()

@@ -193,12 +193,12 @@ def detect(
     from tasks.events.overwriting import check_new
     from tasks.rig.markers import detect as find
     from tasks.rig.markers import write_detections
-    from tasks.rig.recording import open_rig_recording, recorded_files
+    from tasks.rig.recording import RigRecording, recorded_files
 
     check_new(out, overwrite, recording, *recorded_files(recording))
     with terminal.progress() as on_progress:
         detections = find(
-            open_rig_recording(recording),
+            RigRecording(recording),
             source,
             images=images,
             max_speed_mps=max_speed,
@@ -247,23 +247,26 @@ def solve(
     overwrite
         Replace an existing file.
     """
+    from eres_render.storage.atomic import write_text
     from tasks.events.overwriting import check_new
     from tasks.rig.bundle import CORNER_BIAS, LATENCY, SCALE
-    from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
+    from tasks.rig.calibration import RigCalibration, compare, read_truth, solve_recording
     from tasks.rig.markers import read_detections
-    from tasks.rig.recording import open_rig_recording, recorded_files
+    from tasks.rig.page import json_text
+    from tasks.rig.recording import RigRecording, recorded_files
 
     require(recordings, "recording")
     for folder in recordings:
         check_new(out, overwrite, folder / corners, *recorded_files(folder))
     asked = {LATENCY: latency, SCALE: scale, CORNER_BIAS: corner_bias}
     unknowns = tuple(name for name, is_asked in asked.items() if is_asked)
-    opened = [open_rig_recording(folder) for folder in recordings]
+    opened = [RigRecording(folder) for folder in recordings]
     solved = [
         solve_recording(recording, read_detections(recording.folder / corners), unknowns, max_rms)
         for recording in opened
     ]
-    write_calibration(out, solved, overwrite=overwrite)
+    calibration = RigCalibration(recordings=tuple(solved))
+    write_text(out, json_text(calibration), overwrite=overwrite)
     table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
     for result in solved:
         markers = f"{result.inliers} of {result.markers} in {result.images} images"
@@ -298,10 +301,10 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     """
     from tasks.rig import crop as crops
     from tasks.rig.calibration import read_rig_calibration
-    from tasks.rig.recording import open_rig_recording
+    from tasks.rig.recording import RigRecording
 
     require(recordings, "recording")
-    opened = [open_rig_recording(folder) for folder in recordings]
+    opened = [RigRecording(folder) for folder in recordings]
     solved = read_rig_calibration(calibration)
     with terminal.progress() as on_progress:
         folders = crops.crop(opened, solved, out, overwrite=overwrite, on_progress=on_progress)

@@ -150,7 +150,6 @@ class Solution:
     covariance: Float64
     rms_px: float
     inliers: NDArray[np.bool_]
-    images: int
 
 
 def solve(
@@ -197,7 +196,7 @@ def solve(
     used = corners.of(inliers)
     _check_enough(used, slider)
     # Derivatives by central differences: those by forward ones are too coarse for the covariance.
-    return model.solution(used, inliers, model.fit(used, values, "3-point"))
+    return model.solution(inliers, model.fit(used, values, "3-point"))
 
 
 def _check_enough(corners: Corners, slider: Slider) -> None:
@@ -314,9 +313,7 @@ class _Model:
             raise RigError(f"solve: the fit did not converge: {fitted.message}")
         return fitted
 
-    def solution(
-        self, corners: Corners, inliers: NDArray[np.bool_], fitted: OptimizeResult
-    ) -> Solution:
+    def solution(self, inliers: NDArray[np.bool_], fitted: OptimizeResult) -> Solution:
         """Return the solution with its covariance."""
         names = PARAMETERS + self.unknowns
         singular, directions, half = inverse_of(fitted.jac, np.linalg.norm(fitted.jac, axis=0))
@@ -336,7 +333,6 @@ class _Model:
             covariance=squares / max(count - len(names), 1) * half.T @ half,
             rms_px=math.sqrt(squares / (count / 2)),
             inliers=inliers,
-            images=len(np.unique(corners.t_us)),
         )
 
     def _extra(self, values: Float64) -> dict[str, float]:

@@ -12,12 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion
 from eres_render.errors import reading
-from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import Vector3, read_json
 from tasks.errors import RigError
 from tasks.rig.bundle import Corners, RigPose, solve
 from tasks.rig.markers import Detections
-from tasks.rig.page import json_text
 from tasks.rig.recording import RigRecording
 
 TRUTH_NAME = "truth.json"
@@ -113,7 +111,7 @@ class SolvedRecording:
 class RigCalibration:
     """The solutions of recordings, and the coordinate frame of their poses."""
 
-    gauge: str
+    gauge: str = GAUGE
     recordings: tuple[SolvedRecording, ...]
 
     def of(self, recording: RigRecording) -> SolvedRecording:
@@ -154,7 +152,8 @@ def solve_recording(
             f"{recording.folder}: solve: the root mean square residual is {solution.rms_px:.2f} px,"
             f" more than --max-rms {max_rms_px:g}; check the clocks, the page and the camera"
         )
-    x_m = recording.slider.position_m(t_us[solution.inliers])
+    used_us = t_us[solution.inliers]
+    x_m = recording.slider.position_m(used_us)
     return SolvedRecording(
         recording=str(recording.folder.resolve()),
         source=detections.source,
@@ -168,7 +167,7 @@ def solve_recording(
         rms_px=solution.rms_px,
         markers=len(t_us),
         inliers=int(solution.inliers.sum()),
-        images=solution.images,
+        images=len(np.unique(used_us)),
         x_m=(float(x_m.min()), float(x_m.max())),
         intrinsics=tuple(_numbers_of(camera).values())[2:],
     )
@@ -179,12 +178,6 @@ def _numbers_of(camera: Camera) -> dict[str, float]:
     names = "width", "height", "fx", "fy", "cx", "cy"
     lens = asdict(camera.distortion or Distortion())
     return {name: getattr(camera, name) for name in names} | lens
-
-
-def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
-    """Write calibration.json."""
-    calibration = RigCalibration(gauge=GAUGE, recordings=tuple(solved))
-    write_text(path, json_text(calibration), overwrite=overwrite)
 
 
 def read_rig_calibration(path: Path) -> RigCalibration:

@@ -177,7 +177,7 @@ def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluatio
         name=str(folder),
         contrast_threshold=C,
         cutoff_hz=settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz),
-        cropped=cropped,
+        scene=cropped.scene,
         way=way,
         printed=printed,
         events=concatenate(list(read_events(file))),

@@ -111,8 +111,7 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
         (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if the board is not
         found.
     """
-    size = gray.shape[1] * _ENLARGED, gray.shape[0] * _ENLARGED
-    large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
+    large = cv2.resize(gray, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     shape = board.columns, board.rows
     visible, points = cv2.findChessboardCornersSB(large, shape, flags=cv2.CALIB_CB_ACCURACY)
     return (points.reshape(-1, 2).astype(np.float64) + 0.5) / _ENLARGED if visible else None

@@ -34,14 +34,6 @@ Pictures = Iterator[tuple[int, NDArray[Any]]]  # times, us, and images of codes 
 Source = Literal["frame", "hf", "ei"]
 Refinement = Literal["none", "subpix", "contour", "apriltag"]
 
-_METHODS = {
-    "none": (cv2.aruco.CORNER_REFINE_NONE, 0.5),
-    "subpix": (cv2.aruco.CORNER_REFINE_SUBPIX, 0.5),
-    "contour": (cv2.aruco.CORNER_REFINE_CONTOUR, 0.5),
-    "apriltag": (cv2.aruco.CORNER_REFINE_APRILTAG, 0.0),
-}
-"""OpenCV's method, and the shift that is added to its positions, px."""
-
 _SMALL_PX = 640  # narrower images are enlarged, so that the markers' cells have enough pixels
 _ENLARGED = 4
 _PERCENTILES = (1.0, 99.0)  # black and white of a gray image
@@ -101,22 +93,18 @@ def find_markers(
     score
         (M,) as in `Detections`.
     """
-    height, width = gray.shape
-    enlarged, large = 1, gray
-    if width < _SMALL_PX:
-        enlarged = _ENLARGED
-        size = width * enlarged, height * enlarged
-        large = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
-    method, shift = _METHODS[refinement]
+    times = _ENLARGED if gray.shape[1] < _SMALL_PX else 1
+    large = cv2.resize(gray, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
     parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = method
+    parameters.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{refinement.upper()}")
+    shift = 0.0 if refinement == "apriltag" else 0.5
     finder = cv2.aruco.ArucoDetector(markers(dictionary), parameters)
     quads, numbers, _ = finder.detectMarkers(large)
     number = np.asarray([] if numbers is None else numbers, np.int64).ravel()
     corners = np.asarray(quads, np.float64).reshape(-1, 4, 2)
     known, first, counts = np.unique(number, return_index=True, return_counts=True)
     once = (counts == 1) & (known < count)
-    corners_px = (corners[first[once]] + shift) / enlarged
+    corners_px = (corners[first[once]] + shift) / times
     return known[once], corners_px, np.array([_contrast(gray, quad) for quad in corners_px])
 
 
@@ -239,8 +227,8 @@ def _from_events(
     else:
         thresholds = thresholds_of(recording.events_file, contrast_threshold)
         frame = recording.frames[0]
-        light = linear(recording.codes(frame))
-        method = _Integration(np.log(light + DARK_SHARE), frame.t_us, *thresholds)
+        log_frame = np.log(linear(recording.codes(frame)) + DARK_SHARE)
+        method = _Integration(log_frame, frame.t_us, *thresholds)
         first_us = max(first_us, float(frame.t_us))
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())

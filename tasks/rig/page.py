@@ -216,10 +216,7 @@ def write_print(
     """
     dpi = INCH_M / page.dot_m
     data = io.BytesIO()
-    if path.suffix == ".pdf":
-        Image.fromarray(image).save(data, "PDF", resolution=dpi, quality=98)
-    else:
-        Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
+    Image.fromarray(image).save(data, path.suffix[1:], dpi=(dpi, dpi), quality=98)
     write_bytes(path, data.getvalue(), overwrite=overwrite)
 
 

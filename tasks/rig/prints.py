@@ -70,6 +70,8 @@ class Way:
 
     Parameters
     ----------
+    pose
+        The crop's camera.
     begin_m, slope
         Position along the print at the slider's 0, m, and change with that of the slider.
     span_m
@@ -79,7 +81,7 @@ class Way:
     slider: Slider
     first_us: int
     last_us: int
-    scale: float
+    pose: RigPose
     begin_m: float
     slope: float
     span_m: tuple[float, float] = field(init=False)
@@ -113,7 +115,7 @@ class Way:
         travel_m
             Travel in a window, m; a place is in its middle.
         """
-        half_m = 0.5 * travel_m / self.scale
+        half_m = 0.5 * travel_m / self.pose.scale
         moves_m = np.abs(np.diff(self.slider.x_m))
         step = float(moves_m[moves_m > 0].min()) / (2 * half_m)
         uneven_m = 2 * half_m * min(max(step, _EVEN), _EVEN_IN_STEPS)
@@ -173,9 +175,8 @@ class Print:
 
     page: Page
     light: Float64
-    nearest: RigPose
     ways: Mapping[Path, Way]
-    way: Way
+    nearest: Way
     travel_m: float
     places_m: Float64
     _corners_m: dict[int, Float64] = field(init=False, default_factory=dict)
@@ -186,9 +187,9 @@ class Print:
         They are in the nearest crop throughout a window at the place, with their patches.
         """
         if place not in self._corners_m:
-            pose, camera = self.nearest, self.nearest.camera
+            pose, camera = self.nearest.pose, self.nearest.pose.camera
             margin_px = MARGIN_PX * camera.width / REFERENCE_WIDTH_PX
-            x_m = float(self.way.slider_m(self.places_m[place]))
+            x_m = float(self.nearest.slider_m(self.places_m[place]))
             view = page_views(pose, self.page, self.light)(x_m)
             points_m = pose.on_page(corners(view, margin_px), x_m)
             left, top, right, bottom = self.page.picture_m
@@ -252,12 +253,11 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
                 f"{other}: its field is {1e3 * other_field_m:.3g} mm wide, but in {folder} it is "
                 f"{1e3 * field_m:.3g} mm; crop all recordings of a print with one `eres rig crop`"
             )
-    nearest = crops[folder].view()
-    direction = nearest.direction[:2]
+    direction = crops[folder].view().direction[:2]
     along = direction / np.linalg.norm(direction)
     ways = {path: _way_of(path, cropped, along) for path, cropped in crops.items()}
     places_m = _evenly(scene, ways, places, travel_m)
-    return Print(page, light, nearest, ways, ways[folder], travel_m, places_m)
+    return Print(page, light, ways, ways[folder], travel_m, places_m)
 
 
 def _field_m(cropped: Cropped) -> float:
@@ -276,7 +276,7 @@ def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
     begin_m, end_m = (float(pose.on_page(middle_px, x)[0] @ along) for x in (0.0, _APART_M))
     with reading(file, "the way of a slider", RigError):
         ends_us = span_us(folder / EVENTS_NAME, read_events(folder / EVENTS_NAME))
-        return Way(slider, *ends_us, pose.scale, begin_m, (end_m - begin_m) / _APART_M)
+        return Way(slider, *ends_us, pose, begin_m, (end_m - begin_m) / _APART_M)
 
 
 def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) -> Float64:

@@ -28,7 +28,6 @@ from sensor.formats import FORMATS, Triggers, read_events, read_header, read_tri
 from tasks.errors import RigError
 from tasks.exposures import FILE_NAME, Exposure, read_exposures
 from tasks.rig import page as pages
-from tasks.rig.page import Page, read_gray, read_page
 from tasks.rig.settings import RIG_FILE, RigSettings, read_rig
 from tasks.rig.slider import SLIDER_FILE, Slider, read_columns, read_slider
 
@@ -47,9 +46,12 @@ def recorded_files(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class RigRecording:
-    """A recording; its files are read when they are needed."""
+    """A recording; events and images are read when they are needed."""
 
     folder: Path
+
+    def __post_init__(self) -> None:
+        _ = self.settings, self.page, self.slider
 
     @cached_property
     def settings(self) -> RigSettings:
@@ -62,9 +64,9 @@ class RigRecording:
         return self.settings.camera_in(self.folder)
 
     @cached_property
-    def page(self) -> Page:
+    def page(self) -> pages.Page:
         """The print."""
-        return read_page(self.folder / pages.FILE_NAME)
+        return pages.read_page(self.folder / pages.FILE_NAME)
 
     @cached_property
     def slider(self) -> Slider:
@@ -118,7 +120,7 @@ class RigRecording:
         file = self.folder / frame.file
         if not file.exists():
             file = self.folder / FRAMES_FOLDER / frame.file
-        return read_gray(file, (self.camera.width, self.camera.height))
+        return pages.read_gray(file, (self.camera.width, self.camera.height))
 
 
 def span_us(file: Path, parts: Iterable[Events]) -> tuple[int, int]:
@@ -137,13 +139,6 @@ def thresholds_of(file: Path, given: float | None) -> tuple[float, float]:
     if model is None:
         raise RigError(f"{file}: the contrast threshold is unknown; give --threshold")
     return model.contrast_threshold, model.off_threshold
-
-
-def open_rig_recording(folder: Path) -> RigRecording:
-    """Open the folder of a recording."""
-    recording = RigRecording(folder)
-    _ = recording.settings, recording.page, recording.slider
-    return recording
 
 
 def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Triggers]) -> Slider:

@@ -19,7 +19,6 @@ from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, V
 from tasks.evaluation.source import FlowPoints, Images, Source, true_points
 from tasks.flow import Features
 from tasks.reconstruction import log_white_level
-from tasks.rig.crop import Cropped
 from tasks.rig.page import page_views
 from tasks.rig.prints import Print, Way, Window, are_inside
 from tasks.tracking import path_at
@@ -40,16 +39,16 @@ class CropSource(Source):
     name: str
     contrast_threshold: float
     cutoff_hz: float
-    cropped: Cropped
+    scene: str
     way: Way
     printed: Print
     events: Events
     windows: Sequence[Window]
 
     def __post_init__(self) -> None:
-        self._first, self._pose = self.windows[0], self.cropped.view()
+        self._first, self._pose = self.windows[0], self.way.pose
         self.window = source.Window(self._first.start_us, self.windows[-1].end_us)
-        self.size = self.cropped.width, self.cropped.height
+        self.size = self._pose.camera.width, self._pose.camera.height
         view = page_views(self._pose, self.printed.page, self.printed.light)
         self._log_view = cache(lambda x_m: np.log(view(x_m) + DARK_SHARE))
 
@@ -125,7 +124,7 @@ class CropSource(Source):
         window = self.windows[score.sample or 0]
         count = len(self.events.between(window.start_us, window.end_us))
         return {
-            "scene": self.cropped.scene,
+            "scene": self.scene,
             "cutoff_hz": self.cutoff_hz,
             "speed": round(window.encoder_mps * self._pose.scale, 4),
             "sample": window.place,

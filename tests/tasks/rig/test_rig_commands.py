@@ -97,7 +97,7 @@ def test_each_option_reaches_its_function(eres, tmp_path, monkeypatch, command, 
         raise RigError("asked")
 
     monkeypatch.chdir(tmp_path)
-    opened = "tasks.rig.recording.open_rig_recording"
+    opened = "tasks.rig.recording.RigRecording"
     monkeypatch.setattr(opened, lambda path: SimpleNamespace(folder=path))
     monkeypatch.setattr("tasks.rig.markers.read_detections", lambda file: file)
     monkeypatch.setattr(f"tasks.rig.{function}", record)

@@ -46,7 +46,7 @@ def test_images_are_evenly_spaced_along_the_way():
 
 def way_of(slider, first_us=0, last_us=10**12, *, scale=1.0, begin_m=0.0, slope=1.0):
     """Return the way of a crop whose middle is at the position of the slider."""
-    return Way(slider, first_us, last_us, scale, begin_m, slope)
+    return Way(slider, first_us, last_us, SimpleNamespace(scale=scale), begin_m, slope)
 
 
 def windows(slider, count, travel_m=0.006, until_us=10**12):

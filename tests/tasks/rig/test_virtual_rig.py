@@ -31,11 +31,11 @@ from tasks.registry import TASKS
 from tasks.rig import virtual
 from tasks.rig.bundle import CORNER_BIAS, LATENCY, RigPose
 from tasks.rig.calibration import (
+    RigCalibration,
     compare,
     read_rig_calibration,
     read_truth,
     solve_recording,
-    write_calibration,
 )
 from tasks.rig.crop import common_boxes, crop, homography, light_of_crop, read_crop
 from tasks.rig.evaluate import (
@@ -45,8 +45,9 @@ from tasks.rig.evaluate import (
     rows_of,
 )
 from tasks.rig.markers import Detections, _Integration, detect
+from tasks.rig.page import json_text
 from tasks.rig.prints import Window, prints_of
-from tasks.rig.recording import open_rig_recording
+from tasks.rig.recording import RigRecording
 from tasks.rig.settings import read_rig
 from tasks.rig.slider import Slider, read_slider, slider_text
 from tasks.rig.virtual import render_rig
@@ -98,7 +99,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recording(folder):
-    return open_rig_recording(folder)
+    return RigRecording(folder)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +111,7 @@ def frames_solved(recording):
 @pytest.fixture(scope="module")
 def calibration(frames_solved, tmp_path_factory):
     file = tmp_path_factory.mktemp("calibration") / "calibration.json"
-    write_calibration(file, [frames_solved])
+    file.write_text(json_text(RigCalibration(recordings=(frames_solved,))))
     return read_rig_calibration(file)
 
 
@@ -160,7 +161,7 @@ def test_integrated_events_measure_the_cutoff(recording):
 def test_images_of_events_begin_with_their_first_frame(recording):
     """Promise: where the first frame comes late, as many markers are found, at times after it:
     before it, its corners would be those of another time."""
-    late = open_rig_recording(recording.folder)
+    late = RigRecording(recording.folder)
     vars(late)["frames"] = recording.frames[4:]
     found = detect(late, "ei", images=4)
     assert len(np.unique(found.t_us)) == 4
@@ -172,7 +173,7 @@ def test_images_of_events_begin_with_their_first_frame(recording):
 
 def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
     """Promise: no marker has a time at which the slider's position is unknown."""
-    short = open_rig_recording(recording.folder)
+    short = RigRecording(recording.folder)
     inside = recording.slider.t_us > recording.frames[4].t_us
     vars(short)["slider"] = Slider(recording.slider.t_us[inside], recording.slider.x_m[inside])
     found = detect(short, "frame", images=10)
@@ -193,7 +194,7 @@ def test_blur_makes_the_latency_that_of_the_photoreceptor(folder, tmp_path):
         width=200, height=150, cutoff_hz=cutoff_hz, dark_level=1e-3 * light.white_level
     )
     simulate_sequence(light, model, copied / "events.h5")
-    slow = open_rig_recording(copied)
+    slow = RigRecording(copied)
     delay_ms = 1e3 / (math.pi * cutoff_hz)
     unknowns = (LATENCY, CORNER_BIAS)
     sharp, blurred = (
@@ -215,7 +216,7 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     """Promise: without truth.json the calibration is the same, to the bit."""
     copied = tmp_path / "near"
     shutil.copytree(folder, copied, ignore=shutil.ignore_patterns("light", "scene", "truth.json"))
-    real = open_rig_recording(copied)
+    real = RigRecording(copied)
     assert read_truth(real) is None
     found = detect(real, "frame", images=10)
     solved = solve_recording(real, found, (CORNER_BIAS,), 2.0)
@@ -252,7 +253,7 @@ def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
     shutil.copytree(folder, bare)
     table = bare / "frames.csv"
     table.write_text(table.read_text().replace("frames/", ""))
-    again = open_rig_recording(bare)
+    again = RigRecording(bare)
     assert [f"frames/{one.file}" for one in again.frames] == [one.file for one in recording.frames]
     for one, other in zip(again.frames, recording.frames, strict=True):
         assert np.array_equal(again.codes(one), recording.codes(other))
@@ -402,13 +403,13 @@ def test_every_distance_has_the_same_places_and_corners(crops):
     cropped = {folder: read_crop(folder) for folder in (far, made)}
     settings = RigEvaluation()
     (printed,) = prints_of(cropped, 3, settings.travel_m).values()
-    assert printed.nearest.camera.width == near.width
+    assert printed.nearest.pose.camera.width == near.width
     points = {}
     for folder in cropped:
         one = _load(folder, cropped[folder], printed, settings)
         found = one.windows
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
-        pose, middle_px = one.cropped.view(), 0.5 * np.array([one.size])
+        pose, middle_px = one.way.pose, 0.5 * np.array([one.size])
         along = np.array(near.pose.direction[:2]) / np.linalg.norm(near.pose.direction[:2])
         for window in found:
             at_m = pose.on_page(middle_px, np.mean(window.x_m))[0] @ along
@@ -437,7 +438,8 @@ def test_every_distance_has_the_same_places_and_corners(crops):
         assert first == second != []
     # Where the encoder counts 2 mm as 1 mm, speeds and travels are still those of the carriage.
     crop_near = _load(made, near, printed, settings)
-    scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
+    way = crop_near.way
+    scaled = replace(crop_near, way=replace(way, pose=replace(way.pose, scale=2.0)))
     window = Window(0, 0, 0, 10_000, (0.0, 0.002))
     one, two = (replace(crop, windows=[window]) for crop in (crop_near, scaled))
     score = Score("m", 0.0)
@@ -803,29 +805,29 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     moved = [f"{int(line.split(',')[0]) + 10**7},{line.split(',')[1]}" for line in table[1:]]
     (late / "slider.csv").write_text("\n".join([table[0], *moved]) + "\n")
     with pytest.raises(RigError, match="check the clocks"):
-        detect(open_rig_recording(late), "hf", images=4)
+        detect(RigRecording(late), "hf", images=4)
 
     unexposed = copy("unexposed")
     text = (unexposed / "frames.csv").read_text().replace("t_us_start,t_us_end", "t_us,other")
     (unexposed / "frames.csv").write_text(text)
     with pytest.raises(TaskError, match="each frame needs the start and the end"):
-        detect(open_rig_recording(unexposed), "frame", images=4)
+        detect(RigRecording(unexposed), "frame", images=4)
 
     another = copy("another")
     (another / "rig.toml").write_text(RIG.replace("width = 200", "width = 220"))
     with pytest.raises(RigError, match=r"events.h5, camera of rig.toml: .*200x150 px, .*220x150"):
-        detect(open_rig_recording(another), "hf", images=4)
+        detect(RigRecording(another), "hf", images=4)
     with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
-        detect(open_rig_recording(another), "frame", images=4)
+        detect(RigRecording(another), "frame", images=4)
 
     loud = copy("loud")
     (loud / "events.h5").rename(loud / "events.H5")
-    assert open_rig_recording(loud).events_file.name == "events.H5"
+    assert RigRecording(loud).events_file.name == "events.H5"
 
     eventless = copy("eventless")
     (eventless / "events.h5").unlink()
     with pytest.raises(RigError, match=r"expected one file events\.\*, found none"):
-        detect(open_rig_recording(eventless), "hf", images=4)
+        detect(RigRecording(eventless), "hf", images=4)
 
     blind = copy("blind")
     empty = load_events(blind / "events.h5")
@@ -833,10 +835,10 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     (blind / "events.h5").unlink()
     write_events(blind / "events.h5", kept)
     with pytest.raises(RigError, match=r"blind: none of 4 images .* marker"):
-        detect(open_rig_recording(blind), "hf", images=4)
+        detect(RigRecording(blind), "hf", images=4)
 
     with pytest.raises(RigError, match=r"rig.toml: no such file"):
-        open_rig_recording(Path(tmp_path / "nowhere"))
+        RigRecording(Path(tmp_path / "nowhere"))
 
 
 def test_recordings_that_cannot_be_scored_are_refused(recording, crops):
@@ -871,7 +873,7 @@ def test_recordings_that_cannot_be_scored_are_refused(recording, crops):
 
 def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_solved, tmp_path):
     file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
+    file.write_text(json_text(RigCalibration(recordings=(frames_solved,))))
     text = file.read_text().replace('"width": 200', '"width": 346')
     file.write_text(text)
     with pytest.raises(RigError, match=r"calibration: .*width = 346,.* 200;"):
