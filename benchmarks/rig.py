@@ -185,7 +185,7 @@ def main(out: Path, settings: list[str]) -> None:
 def visible(recording: RigRecording, truth: RigPose, times_us: list[int]) -> int:
     """Return how many markers are wholly in view in all images, from those at some times."""
     page, camera = recording.page, recording.camera
-    corners = np.array([page.corners(k) for k in range(len(page.markers_m))])
+    corners = page.corners()
     x_m = recording.slider.position_m(np.array(times_us, float))
     total = 0
     for x in x_m.tolist():

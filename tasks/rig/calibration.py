@@ -143,8 +143,7 @@ def solve_recording(
         raise RigError(
             f"{recording.folder}: its corners are from another page or camera; detect them again"
         )
-    page_m = np.array([page.corners(k) for k in numbers.tolist()]).reshape(-1, 4, 2)
-    corners = Corners(t_us.astype(np.float64), page_m, corners_px)
+    corners = Corners(t_us.astype(np.float64), page.corners()[numbers], corners_px)
     with reading(recording.folder, "a recording", RigError):
         solution = solve(corners, recording.slider, camera, unknowns)
     if solution.rms_px > max_rms_px:

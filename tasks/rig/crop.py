@@ -247,9 +247,7 @@ def _write(folder: Path, recording: RigRecording, cropped: Cropped) -> None:
 def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
     """Yield the events in a box, which is then the whole sensor."""
     for part in parts:
-        model = part.model
-        if model is not None:
-            model = replace(model, width=box.width, height=box.height)
+        model = part.model and replace(part.model, width=box.width, height=box.height)
         inside = (part.x >= box.left) & (part.x < box.right)
         part = part.where(inside & (part.y >= box.top) & (part.y < box.bottom))
         x, y = part.x - np.uint16(box.left), part.y - np.uint16(box.top)

@@ -54,9 +54,8 @@ class Board:
 
     def points_m(self) -> NDArray[np.float32]:
         """Return the inner corners, (N, 3) m, row by row."""
-        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        z = np.zeros(x.size)
-        return (self.square_m * np.stack([x.ravel(), y.ravel(), z], axis=1)).astype(np.float32)
+        numbers = np.mgrid[: self.columns, : self.rows, :1].T.reshape(-1, 3)
+        return (self.square_m * numbers).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

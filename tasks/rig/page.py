@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from PIL import Image
 
 from eres_render.errors import check_positive, reading
 from eres_render.scene.texture_recipes import TextureRecipe
-from eres_render.storage.atomic import write_bytes
+from eres_render.storage.atomic import new_file
 from eres_render.storage.settings_reader import read_json
 from sensor.encoding import from_srgb, to_srgb
 from tasks.errors import RigError
@@ -74,11 +73,10 @@ class Page:
             check_positive(name, getattr(self, name), RigError)
         markers(self.dictionary)
 
-    def corners(self, number: int) -> Float64:
-        """Return the corners of a marker, (4, 2) m: clockwise from its top left, as in OpenCV."""
-        left, top = self.markers_m[number]
+    def corners(self) -> Float64:
+        """Return the corners of the M markers, (M, 4, 2) m: clockwise from the top left."""
         unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-        return np.array([left, top]) + self.marker_m * unit
+        return np.array(self.markers_m)[:, None] + self.marker_m * unit
 
 
 def markers(dictionary: str) -> cv2.aruco.Dictionary:
@@ -215,9 +213,8 @@ def write_print(
         (H, W) image of the page, as `draw` returns it.
     """
     dpi = INCH_M / page.dot_m
-    data = io.BytesIO()
-    Image.fromarray(image).save(data, path.suffix[1:], dpi=(dpi, dpi), quality=98)
-    write_bytes(path, data.getvalue(), overwrite=overwrite)
+    with new_file(path, overwrite=overwrite) as new:
+        Image.fromarray(image).save(new, path.suffix[1:], dpi=(dpi, dpi), quality=98)
 
 
 def json_text(table: Any) -> str:

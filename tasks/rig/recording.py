@@ -32,7 +32,6 @@ from tasks.rig.settings import RIG_FILE, RigSettings, read_rig
 from tasks.rig.slider import SLIDER_FILE, Slider, read_columns, read_slider
 
 FRAMES_FOLDER = "frames"
-_TRIGGERS_FILE = "triggers.csv"
 _RECORDED = "events.*", "rig.toml", "page.*", "*.csv", "*.yaml", "*.yml", "truth.json"
 _MAX_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
 _FARTHEST_US = 1000.0  # largest distance of an edge of both clocks from the fitted line
@@ -72,7 +71,7 @@ class RigRecording:
     def slider(self) -> Slider:
         """The readings of the encoder, on the clock of the events."""
         slider = read_slider(self.folder / SLIDER_FILE)
-        edges = self.folder / _TRIGGERS_FILE
+        edges = self.folder / "triggers.csv"
         if not edges.exists():
             return slider
         return on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
@@ -81,9 +80,8 @@ class RigRecording:
     def events_file(self) -> Path:
         """The file of events."""
         suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-        files = [
-            file for file in sorted(self.folder.glob("events.*")) if file.suffix.lower() in suffixes
-        ]
+        found = sorted(self.folder.glob("events.*"))
+        files = [file for file in found if file.suffix.lower() in suffixes]
         if len(files) != 1:
             names = ", ".join(file.name for file in files) or "none"
             raise RigError(f"{self.folder}: expected one file events.*, found {names}")
@@ -161,10 +159,10 @@ def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Trigge
             f"{file}: has {len(slider_us)} edges of the slider, and the events have {len(t_us)} "
             "rising edges; each edge needs a time on both clocks"
         )
-    spans = float(np.ptp(slider_us)) >= _MIN_SPAN * float(np.ptp(slider.t_us))
-    from_mean_us = slider_us - slider_us.mean()  # for the slope by least squares
-    slope = from_mean_us @ (t_us - slider_us) / (from_mean_us @ from_mean_us) if spans else 0.0
-    drift = float(slope)
+    drift = 0.0
+    if np.ptp(slider_us) >= _MIN_SPAN * np.ptp(slider.t_us):
+        from_mean_us = slider_us - slider_us.mean()  # for the slope by least squares
+        drift = float(from_mean_us @ (t_us - slider_us) / (from_mean_us @ from_mean_us))
     zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
     off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
     if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):

@@ -123,9 +123,8 @@ class Slider:
 
 def read_slider(file: Path) -> Slider:
     """Read slider.csv: a line `t_us,x_m`, then one line for each reading."""
-    columns = read_columns(file, _COLUMNS)
     with reading(file, "readings", RigError):
-        slider = Slider(*columns.values())
+        slider = Slider(*read_columns(file, _COLUMNS).values())
         slider.check_gaps()
         return slider
 

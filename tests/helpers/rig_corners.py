@@ -63,7 +63,7 @@ class Rig:
         t = self.slider.t_us
         times = self.slider.evenly_along(views, t[0], 0.5 * t[-1] if one_way else t[-1])
         size = self.camera.width, self.camera.height
-        on_page = np.array([self.page.corners(k) for k in range(len(self.page.markers_m))])
+        on_page = self.page.corners()
         t_us, page_m, image_px = [], [], []
         for time in times.astype(float):
             x_m = scale * np.interp(time - 1e3 * latency_ms, t, self.slider.x_m)

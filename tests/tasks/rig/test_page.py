@@ -54,7 +54,7 @@ def test_every_marker_is_where_the_file_says(page, image):
     assert sorted(numbers.ravel().tolist()) == list(range(len(page.markers_m)))
     for quad, number in zip(quads, numbers.ravel().tolist(), strict=True):
         # Without refinement OpenCV gives the outermost black dots, counted from their centers.
-        dots = page.corners(number) / page.dot_m
+        dots = page.corners()[number] / page.dot_m
         inner = dots + 0.5 * np.sign(dots.mean(axis=0) - dots) - 0.5
         assert np.abs(quad[0] - inner).max() < 1.01
 
