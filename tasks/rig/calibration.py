@@ -44,8 +44,8 @@ class StoredPose:
     def of(cls, pose: RigPose) -> StoredPose:
         """Store a pose."""
         x, y, z = map(tuple, pose.R_world_cam.tolist())
-        vectors = (tuple(vector.tolist()) for vector in (pose.origin_m, pose.direction))
-        return cls((x, y, z), *vectors, pose.scale)
+        origin_m, direction = (tuple(v.tolist()) for v in (pose.origin_m, pose.direction))
+        return cls((x, y, z), origin_m, direction, pose.scale)
 
     def on(self, camera: Camera) -> RigPose:
         """Return the pose of a camera."""
