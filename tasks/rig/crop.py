@@ -109,8 +109,8 @@ class Cropped:
     def view(self) -> RigPose:
         """Return the camera of the crop with its pose."""
         lens, size = Distortion(*self.lens), (self.width, self.height)
-        center = {"cx": self.cx, "cy": self.cy}
-        return self.pose.on(Camera(*size, fx=self.fx, fy=self.fy, **center, distortion=lens))
+        camera = Camera(*size, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=lens)
+        return self.pose.on(camera)
 
 
 def common_boxes(poses: list[RigPose], x_m: tuple[float, float]) -> list[Box]:
