@@ -27,14 +27,14 @@ from sensor import EventCamera
 from tasks.events.frame_camera import developed
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import SimulationOptions, simulate_sequence
-from tasks.rig.bundle import RigPose, Unknowns
-from tasks.rig.calibration import compare, read_truth, solve_recording, write_truth
-from tasks.rig.detect import detect
-from tasks.rig.markers import Refinement
-from tasks.rig.page import PAPER, draw, lay_out, write_page, write_print
-from tasks.rig.recording import Frame, RigRecording, open_rig_recording, write_frames_table
+from tasks.exposures import Exposure, write_exposures
+from tasks.rig.bundle import CORNER_BIAS, LATENCY, RigPose
+from tasks.rig.calibration import StoredPose, compare, read_truth, solve_recording
+from tasks.rig.markers import Refinement, detect
+from tasks.rig.page import PAPER, draw, json_text, lay_out, write_print
+from tasks.rig.recording import RigRecording
 from tasks.rig.settings import read_rig
-from tasks.rig.slider import strokes, write_slider
+from tasks.rig.slider import slider_text, strokes
 from tasks.rig.virtual import render_rig, true_pose, write_page_scene
 
 CUTOFF_HZ = 200.0
@@ -68,12 +68,12 @@ DEFAULT = ("346:0.236:0.1", "346:0.436:0.2", "1280:0.236:still", "1280:0.436:sti
 IMAGES = 20
 FINE_PX = 640  # width from which one sample a pixel is enough, and edges need blur for the latency
 BLUR_PX = 2.0
-ALL = Unknowns(latency=True, corner_bias=True)
+ALL = (LATENCY, CORNER_BIAS)
 # Source of the images, sensor of the events, blur in px, and what is unknown besides the poses.
-STILL_SOURCES = (("frame", "", 0.0, Unknowns()), ("frame", "", 0.0, Unknowns(corner_bias=True)))
+STILL_SOURCES = (("frame", "", 0.0, ()), ("frame", "", 0.0, (CORNER_BIAS,)))
 SOURCES = (
-    ("frame", "noisy", 0.0, Unknowns()),
-    ("hf", "noisy", 0.0, Unknowns()),
+    ("frame", "noisy", 0.0, ()),
+    ("hf", "noisy", 0.0, ()),
     ("hf", "noisy", 0.0, ALL),
     ("ei", "clean", 0.0, ALL),
 )
@@ -110,7 +110,7 @@ def recording_of(folder: Path, sensor: str) -> RigRecording:
     """Open a recording with the events of one of the two sensors."""
     (folder / "events.h5").unlink(missing_ok=True)
     (folder / "events.h5").symlink_to(folder.resolve() / f"{sensor}.h5")
-    return open_rig_recording(folder)
+    return RigRecording(folder)
 
 
 def stills_of(out: Path, width: int, depth_m: float) -> None:
@@ -122,21 +122,22 @@ def stills_of(out: Path, width: int, depth_m: float) -> None:
     assert settings.slider is not None
     page, slider = lay_out(settings.page), strokes(settings.slider)
     codes = draw(page, settings.page, out)
-    pose, camera = true_pose(settings, settings.slider, page, depth_m), settings.camera_in(out)
-    write_page(out / "page.json", page)
+    camera = settings.camera_in(out)
+    pose = true_pose(settings, settings.slider, page, camera, depth_m)
     write_print(out / "page.png", codes, page)
-    write_slider(out / "slider.csv", slider)
-    write_truth(out, pose)
-    write_page_scene(out / "scene", page, codes, camera, slider, pose)
+    (out / "page.json").write_text(json_text(page))
+    (out / "slider.csv").write_text(slider_text(slider))
+    (out / "truth.json").write_text(json_text(StoredPose.of(pose)))
+    write_page_scene(out / "scene", page, codes, slider, pose)
     renderer = Renderer(load_scene(out / "scene"), integrator="emission", camera=camera)
     rng = np.random.default_rng(0)
     frames = []
     for k, t_us in enumerate(slider.evenly_along(IMAGES, 0.0, slider.t_us[-1]).tolist()):
         light = renderer.frame(pose.at(slider.position_m(t_us)))
-        frames.append(Frame(t_us, t_us, out / "frames" / f"{k:06d}.png"))
+        frames.append(Exposure(t_us, t_us, f"frames/{k:06d}.png"))
         image = developed(light.astype(np.float64) / PAPER, FrameCameraOptions(), rng)
-        cv2.imwrite(str(frames[-1].file), image)
-    write_frames_table(out, frames)
+        cv2.imwrite(str(out / frames[-1].file), image)
+    write_exposures(out, frames)
 
 
 def main(out: Path, settings: list[str]) -> None:
@@ -160,7 +161,7 @@ def main(out: Path, settings: list[str]) -> None:
             events_of(folder, light_of(folder, int(width), depth_m, float(travel)))
             sources = SOURCES if width < FINE_PX else FINE_SOURCES
         for source, sensor, blur_px, unknowns in sources:
-            recording = recording_of(folder, sensor) if sensor else open_rig_recording(folder)
+            recording = recording_of(folder, sensor) if sensor else RigRecording(folder)
             start = times_now()
             found = detect(recording, source, images=IMAGES, blur_px=blur_px, refinement=refinement)
             detected = times_now()
@@ -168,7 +169,7 @@ def main(out: Path, settings: list[str]) -> None:
             detecting, solving = detected - start, times_now() - detected
             truth = read_truth(recording)
             assert truth is not None
-            errors = compare(solved.pose.pose(), truth, recording.camera, solved.x_m)
+            errors = compare(solved.pose.on(recording.camera), truth, solved.x_m)
             in_view = visible(recording, truth, sorted(set(found.t_us.tolist())))
             extra = ",".join(solved.estimated[8:]) or "-"
             print(
@@ -184,11 +185,11 @@ def main(out: Path, settings: list[str]) -> None:
 def visible(recording: RigRecording, truth: RigPose, times_us: list[int]) -> int:
     """Return how many markers are wholly in view in all images, from those at some times."""
     page, camera = recording.page, recording.camera
-    corners = np.array([page.corners(k) for k in range(len(page.markers_m))])
+    corners = page.corners()
     x_m = recording.slider.position_m(np.array(times_us, float))
     total = 0
     for x in x_m.tolist():
-        px = truth.project(camera, corners.reshape(-1, 2), x).reshape(-1, 4, 2)
+        px = truth.project(corners.reshape(-1, 2), x).reshape(-1, 4, 2)
         inside = (px > 0) & (px < (camera.width, camera.height))
         total += int(np.all(inside, axis=(1, 2)).sum())
     return total * IMAGES // max(len(times_us), 1)

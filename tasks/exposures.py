@@ -26,6 +26,11 @@ class Exposure(NamedTuple):
     end_us: int
     file: str
 
+    @property
+    def t_us(self) -> int:
+        """The middle of the exposure, microseconds."""
+        return (self.start_us + self.end_us) // 2
+
 
 def write_exposures(folder: Path, exposures: Iterable[Exposure]) -> None:
     """Write frames.csv into a folder."""

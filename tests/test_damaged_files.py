@@ -37,7 +37,7 @@ from tasks.footage import images, video
 from tasks.recording.frames import open_frames
 from tasks.recording.video import read_calibration
 from tasks.rig.markers import Detections, read_detections, write_detections
-from tasks.rig.slider import Slider, read_slider, write_slider
+from tasks.rig.slider import Slider, read_slider, slider_text
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.results.run_files import read_config
 from tasks.study.study_file import read_study
@@ -175,7 +175,8 @@ def detections(folder):
 
 
 def slider(folder):
-    write_slider(folder / "slider.csv", Slider(np.arange(0.0, 9e5, 1e5), np.arange(9.0) / 100))
+    readings = Slider(np.arange(0.0, 9e5, 1e5), np.arange(9.0) / 100)
+    (folder / "slider.csv").write_text(slider_text(readings))
     return folder / "slider.csv"
 
 

@@ -116,9 +116,8 @@ def dataset(
         --dry-run apply.
     """
     from tasks.generation.dataset import make_dataset
-    from tasks.generation.estimate import estimate
     from tasks.generation.sequence import sequence_folder
-    from tasks.generation.settings import DatasetSettings
+    from tasks.generation.settings import DatasetSettings, estimate
 
     if study is not None:
         others = count, seed, spp, max_displacement, warm_up, stereo, images, scheduler

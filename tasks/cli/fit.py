@@ -86,7 +86,7 @@ def fit(
     from tasks.recording.clock import on_one_clock
     from tasks.recording.frames import check_frames
     from tasks.recording.recording import open_recording
-    from tasks.rig.light import light_of_crop
+    from tasks.rig.crop import light_of_crop
 
     if out.suffix != ".toml":
         raise TaskError(f"{out}: expected a name that ends in .toml")

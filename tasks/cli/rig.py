@@ -32,6 +32,7 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     overwrite
         Replace existing files.
     """
+    from eres_render.storage.atomic import write_text
     from tasks.rig import page as pages
     from tasks.rig.settings import read_rig
 
@@ -44,7 +45,7 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     codes = pages.draw(layout, settings, rig.parent)
     for file in sorted({out, image}):
         pages.write_print(file, codes, layout, overwrite=overwrite)
-    pages.write_page(numbers, layout, overwrite=overwrite)
+    write_text(numbers, pages.json_text(layout), overwrite=overwrite)
     terminal.say(
         f"{out}: {layout.width_m * 100:.1f} x {layout.height_m * 100:.1f} cm, "
         f"{len(layout.markers_m)} markers of {layout.marker_m * 1e3:.2f} mm"
@@ -187,14 +188,14 @@ def detect(
     overwrite
         Replace an existing file.
     """
-    from tasks.rig.detect import detect as find
+    from tasks.rig.markers import detect as find
     from tasks.rig.markers import write_detections
-    from tasks.rig.recording import open_rig_recording, recorded_files
+    from tasks.rig.recording import RigRecording, recorded_files
 
     check_new(out, overwrite, recording, *recorded_files(recording))
     with terminal.progress() as on_progress:
         detections = find(
-            open_rig_recording(recording),
+            RigRecording(recording),
             source,
             images=images,
             max_speed_mps=max_speed,
@@ -243,21 +244,25 @@ def solve(
     overwrite
         Replace an existing file.
     """
-    from tasks.rig.bundle import Unknowns
-    from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
+    from eres_render.storage.atomic import write_text
+    from tasks.rig.bundle import CORNER_BIAS, LATENCY, SCALE
+    from tasks.rig.calibration import RigCalibration, compare, read_truth, solve_recording
     from tasks.rig.markers import read_detections
-    from tasks.rig.recording import open_rig_recording, recorded_files
+    from tasks.rig.page import json_text
+    from tasks.rig.recording import RigRecording, recorded_files
 
     require(recordings, "recording")
     for folder in recordings:
         check_new(out, overwrite, folder / corners, *recorded_files(folder))
-    unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
-    opened = [open_rig_recording(folder) for folder in recordings]
+    asked = {LATENCY: latency, SCALE: scale, CORNER_BIAS: corner_bias}
+    unknowns = tuple(name for name, is_asked in asked.items() if is_asked)
+    opened = [RigRecording(folder) for folder in recordings]
     solved = [
         solve_recording(recording, read_detections(recording.folder / corners), unknowns, max_rms)
         for recording in opened
     ]
-    write_calibration(out, solved, overwrite=overwrite)
+    calibration = RigCalibration(recordings=tuple(solved))
+    write_text(out, json_text(calibration), overwrite=overwrite)
     table = terminal.Table("recording", "markers", "rms", "latency", "scale", "corner bias")
     for result in solved:
         markers = f"{result.inliers} of {result.markers} in {result.images} images"
@@ -267,7 +272,7 @@ def solve(
     terminal.show(table)
     for recording, result in zip(opened, solved, strict=True):
         if (truth := read_truth(recording)) is not None:
-            errors = compare(result.pose.pose(), truth, recording.camera, result.x_m)
+            errors = compare(result.pose.on(recording.camera), truth, result.x_m)
             terminal.say(
                 f"{recording.folder.name}, against the truth: position {errors.position_mm:.3f} "
                 f"mm, turn {1e3 * errors.turn_deg:.1f} mdeg, image {errors.image_px:.4f} px, flow "
@@ -292,10 +297,10 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
     """
     from tasks.rig import crop as crops
     from tasks.rig.calibration import read_rig_calibration
-    from tasks.rig.recording import open_rig_recording
+    from tasks.rig.recording import RigRecording
 
     require(recordings, "recording")
-    opened = [open_rig_recording(folder) for folder in recordings]
+    opened = [RigRecording(folder) for folder in recordings]
     solved = read_rig_calibration(calibration)
     with terminal.progress() as on_progress:
         folders = crops.crop(opened, solved, out, overwrite=overwrite, on_progress=on_progress)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.locks import LockedError, locked
+from tasks import DISTRIBUTION
+from tasks.cluster import connected, outcome
 from tasks.errors import TaskError
-from tasks.generation.cluster import make_on_workers
-from tasks.generation.estimate import estimate
-from tasks.generation.sequence import UNFINISHED, complete_sequence, sequence_folder
-from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
+from tasks.generation.sequence import UNFINISHED, complete_sequence, part, sequence_folder
+from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder, estimate
 
 _log = logging.getLogger(__name__)
 
@@ -78,7 +80,7 @@ def make_dataset(
                 if scheduler is None:
                     making = _make_here(settings, missing, out, counted)
                 else:
-                    making = make_on_workers(scheduler, settings, missing, out)
+                    making = _make_on_workers(scheduler, settings, missing, out)
                 for done, _ in enumerate(making, start=1):
                     counted("next", done, len(missing))
             with suppress(OSError):  # it holds what a call for more sequences has begun
@@ -97,9 +99,35 @@ def _make_here(
 ) -> Iterator[int]:
     """Make sequences one after another, each on all cores."""
     for k, number in enumerate(numbers):
-
-        def on_sequence(stage: str, share: float, of: float, /, k: int = k) -> None:
-            on_progress(stage, k + share / of, len(numbers))
-
-        complete_sequence(settings, number, out, on_sequence)
+        complete_sequence(settings, number, out, part(on_progress, k, 1, len(numbers)))
         yield number
+
+
+def _make_on_workers(
+    address: str, settings: DatasetSettings, numbers: Sequence[int], out: Path
+) -> Iterator[int]:
+    """Make sequences on the workers of a Dask scheduler."""
+    with connected(address) as client:
+        from distributed import as_completed
+
+        place, code = str(out.resolve()), version(DISTRIBUTION)
+        number_of = {
+            client.submit(_complete, settings, number, place, code, pure=False): number
+            for number in numbers
+        }
+        for future in as_completed(number_of, loop=client.loop):
+            outcome(future, f"sequence {number_of[future]}")
+            yield number_of[future]
+
+
+def _complete(settings: DatasetSettings, number: int, place: str, code: str) -> None:
+    """Make a sequence on a worker, if it has the same code and sees the same folder."""
+    out, here = Path(place), version(DISTRIBUTION)
+    if here != code:
+        raise TaskError(f"worker on {socket.gethostname()}: has eres {here}, expected {code}")
+    if not (out / FILE_NAME).is_file():
+        raise TaskError(f"worker on {socket.gethostname()}: cannot see the folder {out}")
+    if sequence_folder(out, number).is_dir():  # by a worker that died before it said so
+        return
+    claim_folder(settings, out)
+    complete_sequence(settings, number, out)

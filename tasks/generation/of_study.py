@@ -6,7 +6,6 @@ import logging
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from eres_render import Renderer, load_scene, render_clip
 from eres_render.cores import cores
@@ -14,9 +13,10 @@ from eres_render.progress import Progress, cost, silent
 from eres_render.storage.locks import LockedError, locked
 from tasks.errors import TaskError
 from tasks.evaluation.sensor_setting import Setting
-from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
+from tasks.evaluation.settings import Evaluate, Video, settings_of
 from tasks.events.simulation import SimulationOptions, simulate_sequence
-from tasks.generation.settings import claim_table
+from tasks.generation.settings import BYTES_A_TRUTH_PX, BYTES_AN_EVENT, claim_table
+from tasks.registry import TASKS
 from tasks.study.run.estimate import estimate_job
 from tasks.study.run.jobs import Job, jobs_of
 from tasks.study.settings import Study, to_json
@@ -26,7 +26,6 @@ _log = logging.getLogger(__name__)
 # Measured on the carpet, ideal pixels: a pixel of 1280 px in each second of the path; of coarser
 # pixels it falls as this power of the width, and behind a cutoff as 1 / (1 + _SLOW_HZ speed / f).
 _EVENTS_PER_PX_S, _POWER, _SLOW_HZ = 226, 0.57, 55
-_BYTES_AN_EVENT, _BYTES_A_TRUTH_PX = 2.8, 7.5
 _FRAME_SHARE = 0.65  # of a frame that remains after its compression
 _READ_NS_PER_PX, _WRITE_NS_PER_EVENT = 20, 80  # of one core: a frame, and an event
 
@@ -59,9 +58,8 @@ class StudyDataset:
             duration_s=warm_up_s + seconds,
             every_s=seconds,
         )
-        none = {"reconstruction": Reconstruction, "flow": Flow, "tracking": Tracking}
-        tasks: dict[str, Any] = {name: settings(methods=()) for name, settings in none.items()}
-        study = replace(study, simulate=simulate, evaluate=Evaluate(video=stretch, **tasks))
+        tasks = {task: settings_of(task, ()) for task in TASKS} | {"video": stretch}
+        study = replace(study, simulate=simulate, evaluate=Evaluate(**tasks))
         scenes = (load_scene(name, (study.trajectories or {}).get(name)) for name in study.scenes)
         self._jobs = [job for scene in scenes for job in jobs_of(study, scene)]
         self._truth_step_s = truth_step_s
@@ -90,7 +88,7 @@ class StudyDataset:
                 slow = 1 + _SLOW_HZ * at.speed * (at.model.width / 1280) / at.model.cutoff_hz
                 rate = _EVENTS_PER_PX_S * (at.model.width / 1280) ** _POWER / slow
                 truths = (job.clip.t_window_end_s - job.clip.t_window_start_s) / self._truth_step_s
-                disk_bytes += px * (rate * path_s * _BYTES_AN_EVENT + truths * _BYTES_A_TRUTH_PX)
+                disk_bytes += px * (rate * path_s * BYTES_AN_EVENT + truths * BYTES_A_TRUTH_PX)
                 core_s += 1e-9 * of_job.frames * (_READ_NS_PER_PX * frame_px + 8.5 * px)
                 core_s += 1e-9 * px * rate * path_s * _WRITE_NS_PER_EVENT
             missing += len(todo)

@@ -26,10 +26,6 @@ from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
 from tasks.origin import origin_of
 
-# Start and share of each stage within the time of a sequence, for the progress bar.
-_STAGES = {"rendering": (0.1, 0.6), "simulating": (0.7, 0.3)}
-
-
 UNFINISHED = ".unfinished"
 """Folder within the dataset's folder, for the sequences that are being made."""
 
@@ -37,6 +33,15 @@ UNFINISHED = ".unfinished"
 def sequence_folder(out: Path, number: int) -> Path:
     """Return the folder of a complete sequence."""
     return out / f"{number:06d}"
+
+
+def part(on_progress: Progress, begin: float, share: float, of: float = 1.0) -> Progress:
+    """Return what reports a part of some work: where it begins, its share, and all of the work."""
+
+    def on_part(stage: str, done: float, total: float, /) -> None:
+        on_progress(stage, begin + share * done / total, of)
+
+    return on_part
 
 
 def complete_sequence(
@@ -84,12 +89,8 @@ def make_sequence(
     poses = second_camera(left.trajectory(), to_the_right(baseline_m), left.duration_s)
     write_text(path, tum_text(*poses))
     right = dataclasses.replace(load_scene(folder / name, path), name=f"{name}-right")
-
-    def on_half(stage: str, done: float, total: float, /, half: float = 0.0) -> None:
-        on_progress(stage, half + 0.5 * done / total, 1.0)
-
-    white = _make_view(settings, number, left, folder, name, on_half)
-    on_right = partial(on_half, half=0.5)
+    white = _make_view(settings, number, left, folder, name, part(on_progress, 0.0, 0.5))
+    on_right = part(on_progress, 0.5, 0.5)
     _make_view(settings, number, right, folder / "right", f"../{name}", on_right, white)
 
 
@@ -112,18 +113,14 @@ def _make_view(
         Radiance of white of the first camera, for the second one; None for the first.
     """
     is_first = white_level is None
-
-    def on_stage(stage: str, done: float, total: float, /) -> None:
-        begin, share = _STAGES[stage]
-        on_progress(stage, begin + share * done / total, 1.0)
-
+    on_frame, on_simulation = part(on_progress, 0.1, 0.6), part(on_progress, 0.7, 0.3)
     camera = scene.camera(*settings.sensor.size)
     renderer = Renderer(scene, spp=settings.spp, integrator="emission", camera=camera)
     if white_level is not None:
         renderer.white_level = white_level
     warm_up_s, limit_px = settings.warm_up_s, settings.max_displacement_px
     clip = Clip(number, 0.0, warm_up_s, warm_up_s + settings.seconds)
-    sequence = render_clip(renderer, clip, folder, limit_px, on_stage, paced_times)
+    sequence = render_clip(renderer, clip, folder, limit_px, on_frame, paced_times)
     write_manifest(folder, dataclasses.replace(sequence.manifest, scene_source=source))
     sequence = open_sequence(folder)
     sensor_seed = settings.sensor_seed(number) + (not is_first)
@@ -132,15 +129,12 @@ def _make_view(
     files = [folder / f"events_{name}.h5" for name in models]
     options = SimulationOptions(seed=sensor_seed, readout=settings.sensor.bus, overwrite=True)
     for k, (model, file) in enumerate(zip(models.values(), files, strict=True)):
-
-        def on_cutoff(stage: str, done: float, total: float, /, k: int = k) -> None:
-            on_stage(stage, k + done / total, len(models))
-
         if k == 0:
             simulate = partial(simulate_sequence, truth_step_s=settings.truth_step_s, imu=imu)
         else:
             add = groups_to_copy(files[0], ["truth"] if imu.imu is None else ["truth", "imu"])
             simulate = partial(simulate_frames, origin=origin_of(sequence), add=add)
+        on_cutoff = part(on_simulation, k, 1, len(models))
         simulate(sequence, model, file, options, on_progress=on_cutoff)
     if settings.images_hz is not None:
         images = folder / "images"

@@ -17,12 +17,13 @@ displaced by `corner_bias_px` away from the middle of its marker, or toward it i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, RenderError
@@ -44,7 +45,6 @@ _MIN_SIGMA_PX = 0.05  # lower limit of that standard deviation
 _MIN_INLIERS = 0.5
 _ROUNDS = 10
 _MAX_STEPS = 200
-_STEP = 1e-5  # of the differences for the Jacobian
 _WORST_CONDITION = 1e-6  # smallest singular value of the scaled Jacobian, over the largest
 _MIN_SPEED = 0.2  # fraction of the highest speed above which an image counts as moving
 _MIN_SHARE = 0.1  # fraction of the moving images, in each direction
@@ -75,7 +75,7 @@ class Corners:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RigPose:
-    """Where a camera is for each position of its slider.
+    """A camera, and where it is for each position of its slider.
 
     Parameters
     ----------
@@ -88,6 +88,7 @@ class RigPose:
         (3,) unit vector of travel.
     """
 
+    camera: Camera
     R_world_cam: Float64
     origin_m: Float64
     direction: Float64
@@ -101,7 +102,7 @@ class RigPose:
         T[..., :3, 3] = self.origin_m + self.scale * x[..., None] * self.direction
         return T
 
-    def project(self, camera: Camera, points_m: Float64, x_m: ArrayLike) -> Float64:
+    def project(self, points_m: Float64, x_m: ArrayLike) -> Float64:
         """Return where the camera sees points of the page.
 
         Parameters
@@ -117,24 +118,13 @@ class RigPose:
             (..., N, 2) px.
         """
         world = np.concatenate([points_m, np.zeros_like(points_m[..., :1])], axis=-1)
-        return camera.project((world - self.at(x_m)[..., None, :3, 3]) @ self.R_world_cam)
+        return self.camera.project((world - self.at(x_m)[..., None, :3, 3]) @ self.R_world_cam)
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unknowns:
-    """What is estimated in addition to the eight parameters."""
-
-    latency: bool = False
-    scale: bool = False
-    corner_bias: bool = False
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of all parameters, in the order of the covariance."""
-        chosen = ((LATENCY, self.latency), (SCALE, self.scale), (CORNER_BIAS, self.corner_bias))
-        return PARAMETERS + tuple(name for name, wanted in chosen if wanted)
-
-
-POSES_ONLY = Unknowns()
+    def on_page(self, points_px: Float64, x_m: float) -> Float64:
+        """Return the points of the page, (..., 2) m, that the camera sees at pixels, (..., 2)."""
+        position = self.at(x_m)[:3, 3]
+        rays = self.camera.rays(points_px) @ self.R_world_cam.T
+        return position[:2] - rays[..., :2] * (position[2] / rays[..., 2:])
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
@@ -160,22 +150,22 @@ class Solution:
     covariance: Float64
     rms_px: float
     inliers: NDArray[np.bool_]
-    images: int
-
-    def sigma(self, name: str) -> float:
-        """Return the standard deviation of a parameter, by name."""
-        k = self.names.index(name)
-        return float(np.sqrt(self.covariance[k, k]))
 
 
 def solve(
-    corners: Corners, slider: Slider, camera: Camera, unknowns: Unknowns = POSES_ONLY
+    corners: Corners, slider: Slider, camera: Camera, unknowns: tuple[str, ...] = ()
 ) -> Solution:
     """Find the camera's pose, direction of travel and other unknowns, from corners of markers.
 
     Least squares of the distances in the image, with the intrinsics and the page known. After each
     fit, markers are left out if a corner's distance is more than four times the robust root mean
     square distance.
+
+    Parameters
+    ----------
+    unknowns
+        What is estimated in addition to the eight parameters: some of `LATENCY`, `SCALE` and
+        `CORNER_BIAS`.
     """
     _check_enough(corners, slider)
     x_m = slider.position_m(corners.t_us)
@@ -183,14 +173,14 @@ def solve(
     origin_us = slider.t_us[0]
     corners = replace(corners, t_us=corners.t_us - origin_us)
     slider = replace(slider, t_us=slider.t_us - origin_us)
-    model = _Model(slider, camera, unknowns, _first_guess(corners, x_m, camera))
+    model = _Model(slider, unknowns, _first_guess(corners, x_m, camera))
     inliers = np.ones(len(corners.t_us), bool)
-    values = model.start()
+    values = np.array([float(name == SCALE) for name in PARAMETERS + unknowns])
     for _ in range(_ROUNDS):
         used = corners.of(inliers)
-        if unknowns.latency:
+        if LATENCY in unknowns:
             _check_both_directions(slider, used)
-        values = model.fit(used, values)
+        values = model.fit(used, values).x
         off_px = np.linalg.norm(model.residuals(corners, values), axis=-1)
         # The median length of a vector of two standard normal components is 1.1774.
         sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _MIN_SIGMA_PX)
@@ -205,8 +195,8 @@ def solve(
         inliers = near
     used = corners.of(inliers)
     _check_enough(used, slider)
-    values = model.fit(used, values)
-    return model.solution(used, inliers, values)
+    # Derivatives by central differences: those by forward ones are too coarse for the covariance.
+    return model.solution(inliers, model.fit(used, values, "3-point"))
 
 
 def _check_enough(corners: Corners, slider: Slider) -> None:
@@ -245,14 +235,12 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
     R = Rotation.from_matrix(rotations).mean().as_matrix()
     # A point lies on its ray r: r x (point - origin - x * direction) = 0, linear in both unknowns.
     r = (rays @ R.T).reshape(-1, 3)
-    cross = np.zeros((len(r), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = r[:, [0, 1, 2]]
-    cross[:, [1, 2, 0], [2, 0, 1]] = -r[:, [0, 1, 2]]
+    cross = np.cross(r[:, None], np.eye(3)).swapaxes(1, 2)
     x = np.repeat(x_m, 4)[:, None, None]
     lines = np.concatenate([cross, x * cross], axis=2).reshape(-1, 6)
     points = (cross @ world.reshape(-1, 3, 1)).ravel()
     origin, direction = np.linalg.lstsq(lines, points, rcond=None)[0].reshape(2, 3)
-    return RigPose(R, origin, direction / np.linalg.norm(direction))
+    return RigPose(camera, R, origin, direction / np.linalg.norm(direction))
 
 
 def inverse_of(jacobian: Float64, length: Float64) -> tuple[Float64, Float64, Float64]:
@@ -281,23 +269,19 @@ class _Model:
     """Residuals as a function of the parameters, which are relative to a first guess."""
 
     slider: Slider
-    camera: Camera
-    unknowns: Unknowns
+    unknowns: tuple[str, ...]
     guess: RigPose
 
-    def start(self) -> Float64:
-        return np.array([float(name == SCALE) for name in self.unknowns.names()])
-
     def pose(self, values: Float64) -> RigPose:
-        extra = self._extra(values)
         # Two small turns of the direction, about the two axes perpendicular to it.
         across = np.linalg.svd(self.guess.direction[None])[2][1:]
         direction = self.guess.direction + values[6:8] @ across
         return RigPose(
+            self.guess.camera,
             self.guess.R_world_cam @ Rotation.from_rotvec(values[:3]).as_matrix(),
             self.guess.origin_m + values[3:6],
             direction / np.linalg.norm(direction),
-            extra.get(SCALE, 1.0),
+            self._extra(values).get(SCALE, 1.0),
         )
 
     def residuals(self, corners: Corners, values: Float64) -> Float64:
@@ -305,20 +289,20 @@ class _Model:
         extra = self._extra(values)
         t_us = corners.t_us - 1e3 * extra.get(LATENCY, 0.0)
         x_m = np.interp(t_us, self.slider.t_us, self.slider.x_m)
-        predicted = self.pose(values).project(self.camera, corners.page_m, x_m)
+        predicted = self.pose(values).project(corners.page_m, x_m)
         if bias_px := extra.get(CORNER_BIAS, 0.0):
             outward = predicted - predicted.mean(axis=1, keepdims=True)
             length = np.linalg.norm(outward, axis=-1, keepdims=True)
             predicted = predicted + bias_px * outward / length
         return corners.image_px - predicted
 
-    def fit(self, corners: Corners, values: Float64) -> Float64:
-        """Return the parameters with the smallest sum of squared residuals."""
+    def fit(self, corners: Corners, values: Float64, jac: str = "2-point") -> OptimizeResult:
+        """Find the parameters with the smallest sum of squared residuals."""
         try:
             fitted = least_squares(
                 lambda at: self.residuals(corners, at).ravel(),
                 values,
-                jac="2-point",
+                jac=jac,
                 x_scale="jac",
                 method="trf",
                 max_nfev=_MAX_STEPS,
@@ -327,41 +311,29 @@ class _Model:
             raise RigError("solve: the fit put the page behind the camera; check both") from None
         if not fitted.success:
             raise RigError(f"solve: the fit did not converge: {fitted.message}")
-        return fitted.x
+        return fitted
 
-    def jacobian(self, corners: Corners, values: Float64) -> Float64:
-        """Return the derivatives of the residuals, (8 M, P), by central differences."""
-        columns = []
-        for step in _STEP * np.eye(len(values)):
-            ahead, behind = (self.residuals(corners, values + s * step).ravel() for s in (1, -1))
-            columns.append((ahead - behind) / (2 * _STEP))
-        return np.stack(columns, axis=1)
-
-    def solution(self, corners: Corners, inliers: NDArray[np.bool_], values: Float64) -> Solution:
+    def solution(self, inliers: NDArray[np.bool_], fitted: OptimizeResult) -> Solution:
         """Return the solution with its covariance."""
-        off_px = self.residuals(corners, values)
-        jacobian = self.jacobian(corners, values)
-        length = np.linalg.norm(jacobian, axis=0)
-        names = self.unknowns.names()
-        singular, directions, half = inverse_of(jacobian, length)
+        names = PARAMETERS + self.unknowns
+        singular, directions, half = inverse_of(fitted.jac, np.linalg.norm(fitted.jac, axis=0))
         condition = singular[-1] / singular[0]
         if condition < _WORST_CONDITION:
             raise RigError(
                 f"solve: the corners do not determine {names[int(np.argmax(abs(directions[-1])))]} "
                 f"(ratio of singular values {condition:.1g}, limit {_WORST_CONDITION:g})"
             )
-        variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
-        extra = self._extra(values)
+        squares, count = 2 * fitted.cost, fitted.fun.size
+        extra = self._extra(fitted.x)
         return Solution(
-            pose=self.pose(values),
+            pose=self.pose(fitted.x),
             latency_ms=extra.get(LATENCY, 0.0),
             corner_bias_px=extra.get(CORNER_BIAS, 0.0),
             names=names,
-            covariance=variance * half.T @ half,
-            rms_px=float(np.sqrt(np.mean(np.sum(off_px**2, axis=-1)))),
+            covariance=squares / max(count - len(names), 1) * half.T @ half,
+            rms_px=math.sqrt(squares / (count / 2)),
             inliers=inliers,
-            images=len(np.unique(corners.t_us)),
         )
 
     def _extra(self, values: Float64) -> dict[str, float]:
-        return dict(zip(self.unknowns.names()[8:], values[8:].tolist(), strict=True))
+        return dict(zip(self.unknowns, values[len(PARAMETERS) :].tolist(), strict=True))

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, Distortion
 from eres_render.errors import reading
 from eres_render.storage.settings_reader import Vector3, read_json
 from tasks.errors import RigError
-from tasks.rig.bundle import Corners, RigPose, Unknowns, solve
+from tasks.rig.bundle import Corners, RigPose, solve
 from tasks.rig.markers import Detections
-from tasks.rig.page import write_json
 from tasks.rig.recording import RigRecording
-
-Float64 = NDArray[np.float64]
 
 TRUTH_NAME = "truth.json"
 GAUGE = "page: x right, y down, z into the page, origin in its top left corner, meters"
@@ -46,19 +43,14 @@ class StoredPose:
     @classmethod
     def of(cls, pose: RigPose) -> StoredPose:
         """Store a pose."""
-        x, y, z = map(_vector, pose.R_world_cam)
-        return cls((x, y, z), _vector(pose.origin_m), _vector(pose.direction), pose.scale)
+        x, y, z = map(tuple, pose.R_world_cam.tolist())
+        origin_m, direction = (tuple(v.tolist()) for v in (pose.origin_m, pose.direction))
+        return cls((x, y, z), origin_m, direction, pose.scale)
 
-    def pose(self) -> RigPose:
-        """Return the pose."""
+    def on(self, camera: Camera) -> RigPose:
+        """Return the pose of a camera."""
         R, origin_m, direction = map(np.array, (self.R_world_cam, self.origin_m, self.direction))
-        return RigPose(R, origin_m, direction, self.scale)
-
-
-_OF_CAMERA = (
-    *("width", "height", "fx", "fy", "cx", "cy"),
-    *(field.name for field in fields(Distortion)),
-)
+        return RigPose(camera, R, origin_m, direction, self.scale)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,9 +98,8 @@ class SolvedRecording:
 
     def check_camera(self, camera: Camera) -> None:
         """Refuse a camera that is not the calibrated one."""
-        solved = self.width, self.height, *self.intrinsics
-        recorded = camera.width, camera.height, *_intrinsics_of(camera)
-        for name, ours, theirs in zip(_OF_CAMERA, solved, recorded, strict=False):
+        solved, recorded = (self.width, self.height, *self.intrinsics), _numbers_of(camera)
+        for (name, theirs), ours in zip(recorded.items(), solved, strict=False):
             if not math.isclose(ours, theirs, rel_tol=1e-9, abs_tol=1e-12):
                 raise RigError(
                     f"calibration: its camera has {name} = {ours:.6g}, but the recording's camera "
@@ -120,7 +111,7 @@ class SolvedRecording:
 class RigCalibration:
     """The solutions of recordings, and the coordinate frame of their poses."""
 
-    gauge: str
+    gauge: str = GAUGE
     recordings: tuple[SolvedRecording, ...]
 
     def of(self, recording: RigRecording) -> SolvedRecording:
@@ -134,12 +125,14 @@ class RigCalibration:
 
 
 def solve_recording(
-    recording: RigRecording, detections: Detections, unknowns: Unknowns, max_rms_px: float
+    recording: RigRecording, detections: Detections, unknowns: tuple[str, ...], max_rms_px: float
 ) -> SolvedRecording:
     """Solve a recording from the markers in it.
 
     Parameters
     ----------
+    unknowns
+        As of `solve`.
     max_rms_px
         Refuse solutions with larger residuals, px.
     """
@@ -150,8 +143,7 @@ def solve_recording(
         raise RigError(
             f"{recording.folder}: its corners are from another page or camera; detect them again"
         )
-    page_m = np.array([page.corners(k) for k in numbers.tolist()]).reshape(-1, 4, 2)
-    corners = Corners(t_us.astype(np.float64), page_m, corners_px)
+    corners = Corners(t_us.astype(np.float64), page.corners()[numbers], corners_px)
     with reading(recording.folder, "a recording", RigError):
         solution = solve(corners, recording.slider, camera, unknowns)
     if solution.rms_px > max_rms_px:
@@ -159,7 +151,8 @@ def solve_recording(
             f"{recording.folder}: solve: the root mean square residual is {solution.rms_px:.2f} px,"
             f" more than --max-rms {max_rms_px:g}; check the clocks, the page and the camera"
         )
-    x_m = recording.slider.position_m(t_us[solution.inliers])
+    used_us = t_us[solution.inliers]
+    x_m = recording.slider.position_m(used_us)
     return SolvedRecording(
         recording=str(recording.folder.resolve()),
         source=detections.source,
@@ -173,21 +166,17 @@ def solve_recording(
         rms_px=solution.rms_px,
         markers=len(t_us),
         inliers=int(solution.inliers.sum()),
-        images=solution.images,
+        images=len(np.unique(used_us)),
         x_m=(float(x_m.min()), float(x_m.max())),
-        intrinsics=_intrinsics_of(camera),
+        intrinsics=tuple(_numbers_of(camera).values())[2:],
     )
 
 
-def _intrinsics_of(camera: Camera) -> tuple[float, ...]:
-    """Return fx, fy, cx, cy, k1, k2, p1, p2 and k3 of a camera, px and without a unit."""
-    lens = astuple(camera.distortion or Distortion())
-    return (camera.fx, camera.fy, camera.cx, camera.cy, *lens)
-
-
-def write_calibration(path: Path, solved: list[SolvedRecording], *, overwrite: bool = True) -> None:
-    """Write calibration.json."""
-    write_json(path, RigCalibration(gauge=GAUGE, recordings=tuple(solved)), overwrite=overwrite)
+def _numbers_of(camera: Camera) -> dict[str, float]:
+    """Return the size, focal lengths, principal point and lens of a camera, by name."""
+    names = "width", "height", "fx", "fy", "cx", "cy"
+    lens = asdict(camera.distortion or Distortion())
+    return {name: getattr(camera, name) for name in names} | lens
 
 
 def read_rig_calibration(path: Path) -> RigCalibration:
@@ -215,7 +204,7 @@ class Errors:
     flow_px: float
 
 
-def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, float]) -> Errors:
+def compare(pose: RigPose, truth: RigPose, x_m: tuple[float, float]) -> Errors:
     """Compare two solutions of a rig.
 
     Parameters
@@ -223,37 +212,17 @@ def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, flo
     x_m
         Smallest and largest position of the slider, m.
     """
-    grid_px = camera.grid(_GRID)
+    grid_px = pose.camera.grid(_GRID)
     positions = np.linspace(*x_m, _GRID)
     apart_m = pose.at(positions)[:, :3, 3] - truth.at(positions)[:, :3, 3]
     image, flow = [], []
     for x in positions.tolist():
-        solved_m, true_m = (on_page(each, camera, grid_px, x) for each in (pose, truth))
-        image.append(pose.project(camera, true_m, x) - grid_px)
-        moved = pose.project(camera, solved_m, x + _WINDOW_M)
-        flow.append(moved - truth.project(camera, true_m, x + _WINDOW_M))
+        solved_m, true_m = (each.on_page(grid_px, x) for each in (pose, truth))
+        image.append(pose.project(true_m, x) - grid_px)
+        moved = pose.project(solved_m, x + _WINDOW_M)
+        flow.append(moved - truth.project(true_m, x + _WINDOW_M))
     turned_rad = Rotation.from_matrix(pose.R_world_cam.T @ truth.R_world_cam).magnitude()
     return Errors(1e3 * _rms(apart_m), float(np.rad2deg(turned_rad)), _rms(image), _rms(flow))
-
-
-def on_page(pose: RigPose, camera: Camera, points_px: Float64, x_m: float) -> Float64:
-    """Return the points of the page that a camera sees at some pixels.
-
-    Parameters
-    ----------
-    points_px
-        (..., 2) px.
-    x_m
-        Position of the slider, m.
-
-    Returns
-    -------
-    points_m
-        (..., 2) on the page, m.
-    """
-    position = pose.at(x_m)[:3, 3]
-    rays = camera.rays(points_px) @ pose.R_world_cam.T
-    return position[:2] - rays[..., :2] * (position[2] / rays[..., 2:])
 
 
 def _rms(vectors: ArrayLike) -> float:
@@ -264,14 +233,4 @@ def _rms(vectors: ArrayLike) -> float:
 def read_truth(recording: RigRecording) -> RigPose | None:
     """Return the true pose of a virtual recording, or None for a real one."""
     file = recording.folder / TRUTH_NAME
-    return read_json(StoredPose, file, RigError).pose() if file.exists() else None
-
-
-def write_truth(folder: Path, pose: RigPose) -> None:
-    """Write truth.json into the folder of a virtual recording."""
-    write_json(folder / TRUTH_NAME, StoredPose.of(pose))
-
-
-def _vector(values: Float64) -> Vector3:
-    x, y, z = values.tolist()
-    return x, y, z
+    return read_json(StoredPose, file, RigError).on(recording.camera) if file.exists() else None

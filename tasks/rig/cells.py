@@ -8,9 +8,9 @@ and takes differences between widths of the same ones.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from statistics import median
 
 import numpy as np
 
@@ -24,7 +24,6 @@ _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as dif
 
 _Light = tuple[float, float]  # cutoff and contrast threshold
 _Cell = tuple[int, float]  # width, px, and speed, m/s
-_Visit = tuple[int, int]  # numbers of the recording and of the visit in it
 _Place = dict[int, list[Row]]  # the rows of a task at a place, by item
 _Shared = dict[int, list[int]]  # items that all widths have, by the number of their place
 
@@ -44,18 +43,24 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    visits: dict[tuple[str, _Light, str], dict[_Cell, dict[int, dict[_Visit, _Place]]]] = {}
+    groups: dict[tuple[str, _Light, str], dict[_Cell, dict[int, _Place]]] = {}
+    # The nth visit in a direction has the same items in every recording, whatever other speeds it
+    # has: the visits of each place, speed and direction are counted anew.
+    visits: defaultdict[Hashable, dict[tuple[int, int], int]] = defaultdict(dict)
     for recording, rows in enumerate(recordings):
-        for row in rows:
-            width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
-            light = row.cutoff_hz, row.contrast_threshold
+        for row in sorted(rows, key=lambda row: row.item):
+            cell = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
+            group = row.scene, (row.cutoff_hz, row.contrast_threshold), row.task
             visit, k = divmod(row.item, per_visit.get(row.task, 1))
-            cells = visits.setdefault((row.scene, light, row.task), {})
-            places = cells.setdefault((width, speed), {}).setdefault(row.sample, {})
-            moved = replace(row, width=width, speed=speed, speed_m_s=speed)
-            places.setdefault((recording, visit), {}).setdefault(k, []).append(moved)
+            back = visit % 2
+            counted = visits[group, cell, row.sample, back]
+            n = counted.setdefault((recording, visit), len(counted))
+            item = (2 * n + back) * per_visit.get(row.task, 1) + k
+            place = groups.setdefault(group, {}).setdefault(cell, {}).setdefault(row.sample, {})
+            moved = replace(row, width=cell[0], speed=cell[1], speed_m_s=cell[1])
+            place.setdefault(item, []).append(moved)
     of_light: dict[tuple[str, _Light], set[int]] = {}
-    for (scene, light, _), cells in visits.items():
+    for (scene, light, _), cells in groups.items():
         of_light.setdefault((scene, light), set()).update(width for width, _ in cells)
     for (scene, light), has in of_light.items():
         lacks = {px for (other, _), of in of_light.items() if other == scene for px in of - has}
@@ -65,12 +70,8 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
                 *(scene, *light, _named(has), _named(lacks)),
             )
     grouped: list[Row] = []
-    for (scene, light, task), cells in visits.items():
-        items = {
-            cell: {place: _items(of, per_visit.get(task, 1)) for place, of in places.items()}
-            for cell, places in cells.items()
-        }
-        rows = _equal(items, of_light[scene, light])
+    for (scene, light, task), cells in groups.items():
+        rows = _equal(cells, of_light[scene, light])
         if not rows:
             named = _named(of_light[scene, light])
             lacking = f"{task} of {scene}: crops {named} wide share no place at any speed"
@@ -87,26 +88,12 @@ def _named(widths: Collection[int]) -> str:
     return " and ".join(f"{width} px" for width in sorted(widths))
 
 
-def _items(visits: dict[_Visit, _Place], per_visit: int) -> _Place:
-    """Return the rows of all visits of a place: the nth visit in a direction has the same items in
-    every recording, whatever other speeds it has."""
-    place: _Place = {}
-    for back in (0, 1):
-        for n, visit in enumerate(sorted(visit for visit in visits if visit[1] % 2 == back)):
-            first = (2 * n + back) * per_visit
-            place |= {first + k: rows for k, rows in visits[visit].items()}
-    return place
-
-
 def _groups(values: Iterable[float]) -> dict[float, float]:
     """Return the median of the group of each value; a gap of 10 % separates groups."""
-    groups: list[list[float]] = []
-    for value in sorted(set(values)):
-        if groups and value < _APART * groups[-1][-1]:
-            groups[-1].append(value)
-        else:
-            groups.append([value])
-    return {value: median(group) for group in groups for value in group}
+    ordered = np.unique(list(values))
+    gaps = np.flatnonzero(ordered[1:] >= _APART * ordered[:-1]) + 1
+    groups = np.split(ordered, gaps)
+    return {value: float(np.median(group)) for group in groups for value in group.tolist()}
 
 
 def _equal(cells: dict[_Cell, dict[int, _Place]], widths: Collection[int]) -> list[Row]:

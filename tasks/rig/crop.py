@@ -3,7 +3,8 @@
 A nearer camera sees less of the page, at more pixels per meter. The field is the part of the
 nearest camera's view that all others see too. It moves along with the slider, as the cameras do; in
 the image of each camera it is a fixed box. Events are not moved: the rotations of the cameras
-relative to each other remain in the homographies.
+relative to each other remain in the homographies. The light that a crop saw are views of its page
+from the solved poses.
 """
 
 from __future__ import annotations
@@ -25,24 +26,27 @@ from sensor import Events
 from sensor.formats import read_events, write_events
 from tasks.errors import RigError
 from tasks.events.overwriting import check_new
-from tasks.rig import page as page_files
-from tasks.rig import settings as rig_files
-from tasks.rig import slider as slider_files
+from tasks.footage import Footage
+from tasks.rig import page as pages
 from tasks.rig.bundle import RigPose
-from tasks.rig.calibration import RigCalibration, StoredPose, on_page
-from tasks.rig.page import read_page_image, write_print
-from tasks.rig.recording import RigRecording
-from tasks.rig.slider import Slider
+from tasks.rig.calibration import RigCalibration, StoredPose
+from tasks.rig.recording import RigRecording, span_us
+from tasks.rig.settings import RIG_FILE
+from tasks.rig.slider import SLIDER_FILE, Slider, read_slider, slider_text
 
 Float64 = NDArray[np.float64]
 
-FILE_NAME = "crop.json"
+CROP_FILE = "crop.json"
 EVENTS_NAME = "events.h5"
 
 _ALONG_SIDE = 65  # points of a side, which a lens bends
 _POSITIONS = 33  # positions of the slider at which fields are compared
 _MAX_ROLL_DEG = 20  # beyond, hardly any upright box fits into the rolled one
 _POSES_US = 1000  # time between two written poses and homographies
+_STEP_PX = 0.5  # motion between two frames of the light
+_STEP_US = 100.0  # time between two positions of which the motion is known
+_MAX_STEPS = 1000
+_NEAR_M = 1e-4  # on both sides of a position of the slider, for the motion there
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +68,11 @@ class Box:
         """Height, px."""
         return self.bottom - self.top
 
-    def corners(self) -> Float64:
-        """Return the corners, (4, 2) px, clockwise from the top left."""
-        (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
-        return np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
-
     def sides(self) -> Float64:
         """Return points along the sides, (4, N, 2) px, clockwise from the top left."""
-        starts = self.corners()
-        ends = np.roll(starts, -1, axis=0)
-        return np.linspace(starts, ends, _ALONG_SIDE, axis=1)
+        (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
+        starts = np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
+        return np.linspace(starts, np.roll(starts, -1, axis=0), _ALONG_SIDE, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,17 +104,16 @@ class Cropped:
     latency_ms: float
 
     def __post_init__(self) -> None:
-        self.camera()
+        self.view()
 
-    def camera(self) -> Camera:
-        """Return the camera of the crop."""
+    def view(self) -> RigPose:
+        """Return the camera of the crop with its pose."""
         lens, size = Distortion(*self.lens), (self.width, self.height)
-        return Camera(*size, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=lens)
+        camera = Camera(*size, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=lens)
+        return self.pose.on(camera)
 
 
-def common_boxes(
-    cameras: list[Camera], poses: list[RigPose], x_m: tuple[float, float]
-) -> list[Box]:
+def common_boxes(poses: list[RigPose], x_m: tuple[float, float]) -> list[Box]:
     """Return the box of the common field for each camera.
 
     Parameters
@@ -123,11 +121,10 @@ def common_boxes(
     x_m
         Smallest and largest position of the slider, m.
     """
-    both = list(zip(cameras, poses, strict=True))
-    depths = [abs(pose.at(np.mean(x_m))[2, 3]) / camera.fx for camera, pose in both]
-    nearest = int(np.argmin(depths))
+    depths = [abs(pose.at(np.mean(x_m))[2, 3]) / pose.camera.fx for pose in poses]
+    nearest = poses[int(np.argmin(depths))]
     for pose in poses:
-        right = poses[nearest].R_world_cam[:, :2].T @ pose.R_world_cam[:, 0]
+        right = nearest.R_world_cam[:, :2].T @ pose.R_world_cam[:, 0]
         roll_deg = math.degrees(math.atan2(right[1], right[0]))
         if _MAX_ROLL_DEG < abs(roll_deg) < 180 - _MAX_ROLL_DEG:
             raise RigError(
@@ -135,16 +132,14 @@ def common_boxes(
                 f"camera; the limit is {_MAX_ROLL_DEG} degrees from upright or upside down"
             )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
-    boxes = [Box(0, 0, camera.width, camera.height) for camera in cameras]
-    field = boxes[nearest]
-    for (camera, pose), whole in zip(both, boxes, strict=True):
+    boxes = [Box(0, 0, pose.camera.width, pose.camera.height) for pose in poses]
+    field = boxes[poses.index(nearest)]
+    for pose, whole in zip(poses, boxes, strict=True):
         for x in positions:
-            sides_m = on_page(pose, camera, whole.sides(), x)
-            field = _inside(field, poses[nearest].project(cameras[nearest], sides_m, x))
-    for k, (camera, pose) in enumerate(both):
+            field = _inside(field, nearest.project(pose.on_page(whole.sides(), x), x))
+    for k, pose in enumerate(poses):
         for x in positions:
-            sides_m = on_page(poses[nearest], cameras[nearest], field.sides(), x)
-            boxes[k] = _inside(boxes[k], pose.project(camera, sides_m, x))
+            boxes[k] = _inside(boxes[k], pose.project(nearest.on_page(field.sides(), x), x))
     return boxes
 
 
@@ -164,12 +159,12 @@ def _inside(box: Box, sides_px: Float64) -> Box:
     return part
 
 
-def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
+def homography(pose: RigPose, x_m: float) -> Float64:
     """Return the matrix (3, 3) from (x, y, 1) on the page, m, to homogeneous pixels.
 
     Parameters
     ----------
-    camera
+    pose
         The camera. With a lens, the pixels are those of a pinhole with the same `K`.
     x_m
         Position of the slider, m.
@@ -182,7 +177,7 @@ def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
     T = pose.at(x_m)
     R_cam_world = T[:3, :3].T
     columns = np.column_stack([R_cam_world[:, :2], -R_cam_world @ T[:3, 3]])
-    H = camera.K @ columns
+    H = pose.camera.K @ columns
     return H / H[2, 2]
 
 
@@ -209,18 +204,18 @@ def crop(
     x_m = max(solution.x_m[0] for solution in solved), min(solution.x_m[1] for solution in solved)
     if not x_m[0] < x_m[1]:
         raise RigError("crop: the recordings share no range of slider positions")
-    cameras = [recording.camera for recording in recordings]
-    boxes = common_boxes(cameras, [solution.pose.pose() for solution in solved], x_m)
+    both = zip(solved, recordings, strict=True)
+    boxes = common_boxes([solution.pose.on(recording.camera) for solution, recording in both], x_m)
     for folder in folders:
-        if (folder / rig_files.FILE_NAME).exists():
+        if (folder / RIG_FILE).exists():
             raise RigError(f"{folder}: contains a recording; choose another --out")
         clear_unfinished(folder)
-        check_new(folder / FILE_NAME, overwrite)
-    for file in out.glob(f"*/{FILE_NAME}"):
+        check_new(folder / CROP_FILE, overwrite)
+    for file in out.glob(f"*/{CROP_FILE}"):
         if file.parent not in folders:
             raise RigError(f"{file.parent}: is a crop of another recording; choose another --out")
     for folder in folders:  # the field may be another one
-        (folder / FILE_NAME).unlink(missing_ok=True)
+        (folder / CROP_FILE).unlink(missing_ok=True)
     for k, (recording, box) in enumerate(zip(recordings, boxes, strict=True)):
         camera = recording.camera.cropped(box.left, box.top, box.width, box.height)
         cropped = Cropped(
@@ -240,21 +235,19 @@ def _write(folder: Path, recording: RigRecording, cropped: Cropped) -> None:
     """Write a crop; crop.json is written last and marks it as complete."""
     make_folder(folder)
     page = recording.page
-    codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)
-    page_files.write_page(folder / page_files.FILE_NAME, page)
-    write_print(folder / page_files.IMAGE_NAME, codes, page)
-    slider_files.write_slider(folder / slider_files.FILE_NAME, recording.slider)
+    codes = pages.read_page_image(recording.folder / pages.IMAGE_NAME, page)
+    write_text(folder / pages.FILE_NAME, pages.json_text(page))
+    pages.write_print(folder / pages.IMAGE_NAME, codes, page)
+    write_text(folder / SLIDER_FILE, slider_text(recording.slider))
     _write_poses(folder, recording.slider, cropped)
     write_events(folder / EVENTS_NAME, _cut(recording.events(), cropped.box))
-    page_files.write_json(folder / FILE_NAME, cropped)
+    write_text(folder / CROP_FILE, pages.json_text(cropped))
 
 
 def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
     """Yield the events in a box, which is then the whole sensor."""
     for part in parts:
-        model = part.model
-        if model is not None:
-            model = replace(model, width=box.width, height=box.height)
+        model = part.model and replace(part.model, width=box.width, height=box.height)
         inside = (part.x >= box.left) & (part.x < box.right)
         part = part.where(inside & (part.y >= box.top) & (part.y < box.bottom))
         x, y = part.x - np.uint16(box.left), part.y - np.uint16(box.top)
@@ -262,26 +255,52 @@ def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
 
 
 def _write_poses(folder: Path, slider: Slider, cropped: Cropped) -> None:
-    pose, camera = cropped.pose.pose(), cropped.camera()
+    pose = cropped.view()
     t_us = np.arange(np.ceil(slider.t_us[0]), slider.t_us[-1], _POSES_US)
     x_m = slider.position_m(t_us)
     write_text(folder / "poses.txt", tum_text(1e-6 * t_us, pose.at(x_m)))
     lines = ["t_us," + ",".join(f"h{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))]
     for t, x in zip(t_us.tolist(), x_m.tolist(), strict=True):
-        values = homography(camera, pose, x).ravel().tolist()
+        values = homography(pose, x).ravel().tolist()
         lines.append(f"{t:.0f}," + ",".join(map(repr, values)))
     write_text(folder / "homographies.csv", "\n".join(lines) + "\n")
 
 
 def read_crop(folder: Path) -> Cropped:
     """Read crop.json."""
-    return read_json(Cropped, folder / FILE_NAME, RigError)
+    return read_json(Cropped, folder / CROP_FILE, RigError)
 
 
-def span_of_events(folder: Path) -> tuple[int, int]:
-    """Return the times of the first and the last event of a crop, us."""
-    file = folder / EVENTS_NAME
-    ends = [int(part.t_us[k]) for part in read_events(file) if len(part) for k in (0, -1)]
-    if not ends:
-        raise RigError(f"{file}: has no events")
-    return ends[0], ends[-1]
+def light_of_crop(folder: Path) -> Footage:
+    """Return the light of a crop during its fastest motion, in steps of half a pixel."""
+    pose, slider = read_crop(folder).view(), read_slider(folder / SLIDER_FILE)
+    view = pages.page_views(pose, *pages.read_print(folder))
+    first_us, last_us = span_us(folder / EVENTS_NAME, read_events(folder / EVENTS_NAME))
+    t_us = np.arange(max(first_us, slider.t_us[0]), min(last_us, slider.t_us[-1]), _STEP_US)
+    if len(t_us) < 2:
+        raise RigError(f"{folder}: the events and the slider's readings do not overlap in time")
+    x_m = slider.position_m(t_us)
+    # Of points in view: a lens compresses the way of one that leaves the middle of the image.
+    at_m = pose.on_page(pose.camera.grid(3), float(x_m.mean()))
+    ends_px = pose.project(at_m, x_m.mean() + np.array([-_NEAR_M, _NEAR_M]))
+    px_per_m = float(np.linalg.norm(ends_px[1] - ends_px[0], axis=1).max()) / (2 * _NEAR_M)
+    way = np.abs(np.diff(x_m)).cumsum() * px_per_m / _STEP_PX
+    steps = int(way[-1])
+    if steps < 2:
+        raise RigError(f"{folder}: the image moves only {_STEP_PX * way[-1]:.2g} px in all")
+    knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
+    length = min(_MAX_STEPS, steps)
+    start = int(np.argmin(knots_us[length:] - knots_us[:-length]))
+    chosen_us = knots_us[start : start + length + 1]
+    positions_m = slider.position_m(chosen_us).tolist()
+    offset_us = int(chosen_us[0])
+    return Footage(
+        path=folder,
+        t_s=1e-6 * (chosen_us - offset_us),
+        t_offset_us=offset_us,
+        height=pose.camera.height,
+        width=pose.camera.width,
+        encoding="linear",
+        white_level=1.0,
+        frames=lambda: (view(x).astype(np.float32) for x in positions_m),
+    )

@@ -20,12 +20,11 @@ from tasks.evaluation.settings import Flow, TaskSettings, Tracking, Video, check
 from tasks.evaluation.source import ALL, check_needs, score_stored
 from tasks.flow import INITIAL_SIGMA_PX
 from tasks.rig.cells import in_cells
-from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
-from tasks.rig.places import Window
+from tasks.rig.crop import CROP_FILE, EVENTS_NAME, Cropped, read_crop
 from tasks.rig.prints import Print, prints_of
 from tasks.rig.recording import thresholds_of
 from tasks.rig.settings import check_bounds
-from tasks.rig.source import MAX_ITEMS, Crop, CropSource
+from tasks.rig.source import MAX_ITEMS, CropSource
 from tasks.row import Row
 from tasks.tracking import PATH_S
 
@@ -123,13 +122,12 @@ def evaluate_rig(
     prints = prints_of(crops, settings.places, settings.travel_m)
     rows_of_crops: list[list[Row]] = []
     for k, (folder, cropped) in enumerate(crops.items()):
-        crop = _load(folder, cropped, prints[cropped.scene], settings)
-        windows = _windows(crop, settings.travel_m)
+        source = _load(folder, cropped, prints[cropped.scene], settings)
         rows: list[Row] = []
-        for n, window in enumerate(windows):
-            rows += rows_of(crop, [window], every)
-            on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
-        rows_of_crops.append(rows + rows_of(crop, windows, every, continuous=True))
+        for n, window in enumerate(source.windows):
+            rows += rows_of(replace(source, windows=[window]), every)
+            on_progress("evaluating", k + (n + 1) / len(source.windows), len(crops))
+        rows_of_crops.append(rows + rows_of(source, every, continuous=True))
     if not any(rows_of_crops):
         raise RigError(
             "crops: nothing to score; either there is no task, or the picture has no corners, or "
@@ -139,14 +137,9 @@ def evaluate_rig(
 
 
 def rows_of(
-    crop: Crop,
-    windows: Sequence[Window],
-    tasks: Mapping[str, TaskSettings],
-    *,
-    continuous: bool = False,
+    source: CropSource, tasks: Mapping[str, TaskSettings], *, continuous: bool = False
 ) -> list[Row]:
     """Score tasks on windows of a crop: those of a continuous stretch, or the others."""
-    source = CropSource(crop, windows)
     return [
         row
         for task, settings in tasks.items()
@@ -158,32 +151,35 @@ def rows_of(
 
 def crops_in(folder: Path) -> list[Path]:
     """Return the folders of the crops that `eres rig crop` wrote."""
-    if not (files := sorted(folder.glob(f"*/{FILE_NAME}"))):
+    if not (files := sorted(folder.glob(f"*/{CROP_FILE}"))):
         raise RigError(f"{folder}: has no crops; give the output folder of `eres rig crop`")
     return [file.parent for file in files]
 
 
-def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> Crop:
+def _load(folder: Path, cropped: Cropped, printed: Print, settings: RigEvaluation) -> CropSource:
+    """Return all windows of constant speed at the places of the print, in the order of starts."""
     if settings.tracking and any(cropped.lens):
         raise RigError(
-            f"{folder / FILE_NAME}: lens: tracking supports no distortion; use --tasks flow video"
+            f"{folder / CROP_FILE}: lens: tracking supports no distortion; use --tasks flow video"
         )
-    file = folder / EVENTS_NAME
+    file, way = folder / EVENTS_NAME, printed.ways[folder]
     model = read_header(file).model
     C, _ = thresholds_of(file, settings.contrast_threshold)
-    cutoff_hz = settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz)
-    events = concatenate(list(read_events(file)))
-    return Crop(folder, cropped, printed.ways[folder], printed, events, C, cutoff_hz)
-
-
-def _windows(crop: Crop, travel_m: float) -> list[Window]:
-    """Return windows of constant speed at the places of the print, in the order of their starts."""
-    windows = crop.way.windows(crop.printed.places_m, travel_m)
+    windows = way.windows(printed.places_m, settings.travel_m)
     if not windows:
-        seconds = 1e-6 * (crop.way.last_us - crop.way.first_us)
+        seconds = 1e-6 * (way.last_us - way.first_us)
         raise RigError(
-            f"{crop.folder / EVENTS_NAME}: at none of {len(crop.printed.places_m)} places does the "
-            f"slider travel {1e3 * travel_m:g} mm at constant speed within {seconds:.3g} s; "
+            f"{file}: at none of {len(printed.places_m)} places does the slider travel "
+            f"{1e3 * settings.travel_m:g} mm at constant speed within {seconds:.3g} s; "
             "increase --places, or reduce --travel"
         )
-    return windows
+    return CropSource(
+        name=str(folder),
+        contrast_threshold=C,
+        cutoff_hz=settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz),
+        scene=cropped.scene,
+        way=way,
+        printed=printed,
+        events=concatenate(list(read_events(file))),
+        windows=windows,
+    )

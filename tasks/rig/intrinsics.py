@@ -26,6 +26,7 @@ from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.bundle import inverse_of
 from tasks.rig.markers import gray_codes
+from tasks.rig.recording import span_us
 from tasks.video import ImageTaker
 
 Float64 = NDArray[np.float64]
@@ -53,9 +54,8 @@ class Board:
 
     def points_m(self) -> NDArray[np.float32]:
         """Return the inner corners, (N, 3) m, row by row."""
-        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        z = np.zeros(x.size)
-        return (self.square_m * np.stack([x.ravel(), y.ravel(), z], axis=1)).astype(np.float32)
+        numbers = np.mgrid[: self.columns, : self.rows, :1].T.reshape(-1, 3)
+        return (self.square_m * numbers).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,10 +87,8 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     images
         (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
     """
-    parts = [part for part in read_events(path, size=size) if len(part)]
-    if not parts:
-        raise RigError(f"{path}: has no events")
-    first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
+    parts = list(read_events(path, size=size))
+    first_us, last_us = span_us(path, parts)
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
     taker = ImageTaker(hp, wanted_us)
@@ -112,8 +110,7 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
         (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if the board is not
         found.
     """
-    size = gray.shape[1] * _ENLARGED, gray.shape[0] * _ENLARGED
-    large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
+    large = cv2.resize(gray, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     shape = board.columns, board.rows
     visible, points = cv2.findChessboardCornersSB(large, shape, flags=cv2.CALIB_CB_ACCURACY)
     return (points.reshape(-1, 2).astype(np.float64) + 0.5) / _ENLARGED if visible else None
@@ -221,11 +218,10 @@ def intrinsics(
         sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
             raise RigError(f"{path}: the recordings have different sensor sizes: {sorted(sizes)}")
-        for gray in board_images(path, size):
-            view_px = find_board(gray, board)
-            if view_px is not None:
-                views_px[path] = view_px
-                break
+        found = (find_board(gray, board) for gray in board_images(path, size))
+        view_px = next((corners_px for corners_px in found if corners_px is not None), None)
+        if view_px is not None:
+            views_px[path] = view_px
         on_progress("looking for the board", k + 1, len(paths))
     camera, sigmas, rms_px = calibrate([*views_px.values()], board, *sizes.pop())
     return Intrinsics(camera, sigmas, rms_px, tuple(views_px))

@@ -1,10 +1,12 @@
-"""`Page`: a printed picture with ArUco markers around it."""
+"""`Page`: a printed picture with ArUco markers around it, and what a camera sees of it."""
 
 from __future__ import annotations
 
-import io
 import json
+import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,11 @@ from PIL import Image
 
 from eres_render.errors import check_positive, reading
 from eres_render.scene.texture_recipes import TextureRecipe
-from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.atomic import new_file
 from eres_render.storage.settings_reader import read_json
 from sensor.encoding import from_srgb, to_srgb
 from tasks.errors import RigError
+from tasks.rig.bundle import RigPose
 from tasks.rig.settings import INCH_M, PageSettings
 
 Float64 = NDArray[np.float64]
@@ -37,6 +40,7 @@ PICTURES = {
 
 _BORDER_CELLS = 1  # black cells around a marker's code
 _MAX_SIDE = 32_766  # dots, of images that OpenCV warps
+_MAX_SUPERSAMPLES = 4  # of a pixel that sees the page, along each side
 _WHITE = 0.25  # smallest white margin around a marker, as a fraction of its side
 
 
@@ -69,11 +73,10 @@ class Page:
             check_positive(name, getattr(self, name), RigError)
         markers(self.dictionary)
 
-    def corners(self, number: int) -> Float64:
-        """Return the corners of a marker, (4, 2) m: clockwise from its top left, as in OpenCV."""
-        left, top = self.markers_m[number]
+    def corners(self) -> Float64:
+        """Return the corners of the M markers, (M, 4, 2) m: clockwise from the top left."""
         unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-        return np.array([left, top]) + self.marker_m * unit
+        return np.array(self.markers_m)[:, None] + self.marker_m * unit
 
 
 def markers(dictionary: str) -> cv2.aruco.Dictionary:
@@ -209,24 +212,14 @@ def write_print(
     image
         (H, W) image of the page, as `draw` returns it.
     """
-    check_print(path)
     dpi = INCH_M / page.dot_m
-    data = io.BytesIO()
-    if path.suffix == ".pdf":
-        Image.fromarray(image).save(data, "PDF", resolution=dpi, quality=98)
-    else:
-        Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
-    write_bytes(path, data.getvalue(), overwrite=overwrite)
+    with new_file(path, overwrite=overwrite) as new:
+        Image.fromarray(image).save(new, path.suffix[1:], dpi=(dpi, dpi), quality=98)
 
 
-def write_page(path: Path, page: Page, *, overwrite: bool = True) -> None:
-    """Write page.json."""
-    write_json(path, page, overwrite=overwrite)
-
-
-def write_json(path: Path, table: Any, *, overwrite: bool = True) -> None:
-    """Write the fields of a dataclass as JSON."""
-    write_text(path, json.dumps(asdict(table), indent=1) + "\n", overwrite=overwrite)
+def json_text(table: Any) -> str:
+    """Return the fields of a dataclass as JSON."""
+    return json.dumps(asdict(table), indent=1) + "\n"
 
 
 def read_page(path: Path) -> Page:
@@ -260,3 +253,36 @@ def read_gray(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uin
     if size is not None and size != (width, height):
         raise RigError(f"{path}: found {width}x{height} px, expected {size[0]}x{size[1]}")
     return np.asarray(image, np.uint8)
+
+
+def page_views(pose: RigPose, page: Page, light: Float64) -> Callable[[float], Float64]:
+    """Return a function from the slider's position, m, to the reflectance that the camera sees.
+
+    It is averaged over the pixels, (H, W). Outside the page it is as white as paper.
+    """
+    camera = pose.camera
+
+    @cache
+    def in_blocks(dots: int) -> NDArray[np.float32]:
+        rows, columns = (size // dots * dots for size in light.shape)
+        blocks = light[:rows, :columns].reshape(rows // dots, dots, columns // dots, dots)
+        return blocks.mean(axis=(1, 3)).astype(np.float32)
+
+    def view(x_m: float) -> Float64:
+        corner = pose.on_page(np.array([[0.0, 0.0], [1.0, 0.0]]), x_m)
+        dots = float(np.linalg.norm(corner[1] - corner[0])) / page.dot_m  # across a pixel
+        shrink = max(1, int(dots / 2))
+        times = min(_MAX_SUPERSAMPLES, max(1, math.ceil(dots / shrink)))
+        steps = (np.arange(times) + 0.5) / times
+        columns_px = (np.arange(camera.width)[:, None] + steps).ravel()
+        rows_px = (np.arange(camera.height)[:, None] + steps).ravel()
+        points_px = np.stack(np.meshgrid(columns_px, rows_px), axis=-1)
+        # From meters to dots; the center of the first dot is (0, 0).
+        at = pose.on_page(points_px, x_m) / (shrink * page.dot_m) - 0.5
+        x, y = np.moveaxis(at.astype(np.float32), -1, 0)
+        outside = cv2.BORDER_CONSTANT, PAPER
+        image = cv2.remap(in_blocks(shrink), x, y, cv2.INTER_LINEAR, None, *outside)
+        shape = camera.height, times, camera.width, times
+        return np.asarray(image, np.float64).reshape(shape).mean(axis=(1, 3))
+
+    return view

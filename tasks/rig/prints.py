@@ -1,4 +1,4 @@
-"""A print with the places and corners at which all of its crops are scored.
+"""A print, its places and corners at which all crops are scored, and when a crop is there.
 
 At each speed, each distance is scored where the others are, so that differences between distances
 are of the same points.
@@ -6,27 +6,157 @@ are of the same points.
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eres_render import Camera
 from eres_render.errors import reading
+from sensor.formats import read_events
 from tasks.errors import RigError
 from tasks.flow import MARGIN_PX, REFERENCE_WIDTH_PX, corners
-from tasks.rig import slider as slider_files
-from tasks.rig.calibration import on_page
-from tasks.rig.crop import Cropped, span_of_events
-from tasks.rig.page import Page, read_print
-from tasks.rig.page_view import page_views
-from tasks.rig.places import Way
+from tasks.rig.bundle import RigPose
+from tasks.rig.crop import EVENTS_NAME, Cropped
+from tasks.rig.page import Page, page_views, read_print
+from tasks.rig.recording import span_us
+from tasks.rig.slider import SLIDER_FILE, Slider, read_slider
 
 Float64 = NDArray[np.float64]
 
+_EVEN = 1e-3  # largest deviation from constant speed in a window, as a fraction of the travel
+_EVEN_IN_STEPS = 5e-3  # the same where the encoder's steps are coarser
+_CHECKED = 5  # positions in a window
+_APART_M = 0.1  # two positions of the slider, between which the page is a straight line
 _SAME_FIELD = 1.1  # ratio of the widths of two fields, on the page
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A time window of constant speed at a place.
+
+    Parameters
+    ----------
+    visit
+        2 n on the carriage's way there, for the nth time from 0, and 2 n + 1 on its way back.
+    x_m
+        The encoder's readings then, m.
+    """
+
+    place: int
+    visit: int
+    start_us: int
+    end_us: int
+    x_m: tuple[float, float]
+
+    @property
+    def back(self) -> int:
+        """1 on the carriage's way back, and 0 on its way there."""
+        return self.visit % 2
+
+    @property
+    def encoder_mps(self) -> float:
+        """Speed by the encoder, whose scale `eres rig solve --scale` finds."""
+        return 1e6 * abs(self.x_m[1] - self.x_m[0]) / (self.end_us - self.start_us)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Way:
+    """Which part of the print is in the middle of a crop at each position of its slider.
+
+    Parameters
+    ----------
+    pose
+        The crop's camera.
+    begin_m, slope
+        Position along the print at the slider's 0, m, and change with that of the slider.
+    span_m
+        First and last position along the print during the events, m.
+    """
+
+    slider: Slider
+    first_us: int
+    last_us: int
+    pose: RigPose
+    begin_m: float
+    slope: float
+    span_m: tuple[float, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        t_us, x_m = self.slider.t_us, self.slider.x_m
+        first_us = max(self.first_us, math.ceil(t_us[0]))
+        last_us = min(self.last_us, math.floor(t_us[-1]))
+        if first_us >= last_us:
+            raise RigError("slider: the readings and the events do not overlap in time")
+        inside = x_m[(t_us >= first_us) & (t_us <= last_us)]
+        x = [*self.slider.position_m([first_us, last_us]).tolist(), *inside.tolist()]
+        if min(x) == max(x):
+            raise RigError(f"slider: the carriage stays at {x[0]:g} m during the events")
+        low_m, high_m = sorted(self.begin_m + self.slope * end for end in (min(x), max(x)))
+        found = {"first_us": first_us, "last_us": last_us, "span_m": (low_m, high_m)}
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
+
+    def slider_m(self, position_m: ArrayLike) -> Float64:
+        """Return the slider's positions, m, at positions along the print, m."""
+        return np.asarray((np.asarray(position_m) - self.begin_m) / self.slope)
+
+    def windows(self, places_m: Float64, travel_m: float) -> list[Window]:
+        """Return the windows of constant speed, in the order of their starts.
+
+        Parameters
+        ----------
+        places_m
+            (K,) positions along the print, m.
+        travel_m
+            Travel in a window, m; a place is in its middle.
+        """
+        half_m = 0.5 * travel_m / self.pose.scale
+        moves_m = np.abs(np.diff(self.slider.x_m))
+        step = float(moves_m[moves_m > 0].min()) / (2 * half_m)
+        uneven_m = 2 * half_m * min(max(step, _EVEN), _EVEN_IN_STEPS)
+        windows: list[Window] = []
+        for place, middle_m in enumerate(self.slider_m(places_m).tolist()):
+            passed: Counter[bool] = Counter()
+            for start, end, rises in _passes(self.slider, middle_m - half_m, middle_m + half_m):
+                start_us, end_us = round(start), round(end)
+                back = rises != (self.slope > 0)
+                visit = 2 * passed[back] + back
+                passed[back] += 1
+                if not self.first_us <= start_us < end_us <= self.last_us:
+                    continue
+                x = self.slider.position_m(np.linspace(start_us, end_us, _CHECKED))
+                if np.max(np.abs(x - np.linspace(x[0], x[-1], _CHECKED))) < uneven_m:
+                    at = float(x[0]), float(x[-1])
+                    windows.append(Window(place, visit, start_us, end_us, at))
+        return sorted(windows, key=lambda window: window.start_us)
+
+
+def _passes(slider: Slider, low_m: float, high_m: float) -> list[tuple[float, float, bool]]:
+    """Return start and end, us, of each way between two positions, and whether it is upward.
+
+    An encoder that jitters crosses a position several times: the last time before the other
+    position counts, and the first time there.
+    """
+    low_us, high_us = _crossings(slider, low_m), _crossings(slider, high_m)
+    t_us = np.concatenate([low_us, high_us])
+    is_high = np.repeat([False, True], [len(low_us), len(high_us)])
+    order = np.argsort(t_us, kind="stable")
+    t_us, is_high = t_us[order], is_high[order]
+    k = np.flatnonzero(is_high[1:] != is_high[:-1])
+    return list(zip(t_us[k].tolist(), t_us[k + 1].tolist(), is_high[k + 1].tolist(), strict=True))
+
+
+def _crossings(slider: Slider, x_m: float) -> Float64:
+    """Return the times at which the carriage crosses a position, us."""
+    beyond = slider.x_m >= x_m
+    k = np.flatnonzero(beyond[1:] != beyond[:-1])
+    share = (x_m - slider.x_m[k]) / (slider.x_m[k + 1] - slider.x_m[k])
+    return np.asarray(slider.t_us[k] + share * (slider.t_us[k + 1] - slider.t_us[k]))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -45,9 +175,8 @@ class Print:
 
     page: Page
     light: Float64
-    nearest: Cropped
     ways: Mapping[Path, Way]
-    way: Way
+    nearest: Way
     travel_m: float
     places_m: Float64
     _corners_m: dict[int, Float64] = field(init=False, default_factory=dict)
@@ -58,17 +187,17 @@ class Print:
         They are in the nearest crop throughout a window at the place, with their patches.
         """
         if place not in self._corners_m:
-            camera, pose = self.nearest.camera(), self.nearest.pose.pose()
+            pose, camera = self.nearest.pose, self.nearest.pose.camera
             margin_px = MARGIN_PX * camera.width / REFERENCE_WIDTH_PX
-            x_m = float(self.way.slider_m(self.places_m[place]))
-            view = page_views(camera, pose, self.page, self.light)(x_m)
-            points_m = on_page(pose, camera, corners(view, margin_px), x_m)
+            x_m = float(self.nearest.slider_m(self.places_m[place]))
+            view = page_views(pose, self.page, self.light)(x_m)
+            points_m = pose.on_page(corners(view, margin_px), x_m)
             left, top, right, bottom = self.page.picture_m
             x, y = points_m.T
             inside = (x > left) & (x < right) & (y > top) & (y < bottom)
             for side in (-1, 1):
                 at_m = x_m + side * 0.5 * self.travel_m / pose.scale
-                inside &= are_inside(camera, pose.project(camera, points_m, at_m), margin_px)
+                inside &= are_inside(camera, pose.project(points_m, at_m), margin_px)
             self._corners_m[place] = points_m[inside]
         return self._corners_m[place]
 
@@ -124,26 +253,30 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
                 f"{other}: its field is {1e3 * other_field_m:.3g} mm wide, but in {folder} it is "
                 f"{1e3 * field_m:.3g} mm; crop all recordings of a print with one `eres rig crop`"
             )
-    direction = crops[folder].pose.pose().direction[:2]
+    direction = crops[folder].view().direction[:2]
     along = direction / np.linalg.norm(direction)
     ways = {path: _way_of(path, cropped, along) for path, cropped in crops.items()}
     places_m = _evenly(scene, ways, places, travel_m)
-    return Print(page, light, crops[folder], ways, ways[folder], travel_m, places_m)
+    return Print(page, light, ways, ways[folder], travel_m, places_m)
 
 
 def _field_m(cropped: Cropped) -> float:
     """Return the width of the part of the page in the middle row of a crop, m."""
     middle = 0.5 * cropped.height
     ends_px = np.array([[0.0, middle], [cropped.width, middle]])
-    left, right = on_page(cropped.pose.pose(), cropped.camera(), ends_px, 0.0)
+    left, right = cropped.view().on_page(ends_px, 0.0)
     return float(np.linalg.norm(right - left))
 
 
 def _way_of(folder: Path, cropped: Cropped, along: Float64) -> Way:
-    file = folder / slider_files.FILE_NAME
-    slider = slider_files.read_slider(file)
+    """Return the way of a crop; `along` is the unit vector of the travel on the page, (2,)."""
+    file = folder / SLIDER_FILE
+    slider, pose = read_slider(file), cropped.view()
+    middle_px = 0.5 * np.array([[cropped.width, cropped.height]])
+    begin_m, end_m = (float(pose.on_page(middle_px, x)[0] @ along) for x in (0.0, _APART_M))
     with reading(file, "the way of a slider", RigError):
-        return Way.of(cropped, slider, span_of_events(folder), along)
+        ends_us = span_us(folder / EVENTS_NAME, read_events(folder / EVENTS_NAME))
+        return Way(slider, *ends_us, pose, begin_m, (end_m - begin_m) / _APART_M)
 
 
 def _evenly(scene: str, ways: Mapping[Path, Way], places: int, travel_m: float) -> Float64:

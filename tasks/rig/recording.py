@@ -13,7 +13,7 @@ It holds
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,19 +23,19 @@ from numpy.typing import NDArray
 
 from eres_render import Camera
 from sensor import Events
-from sensor.formats import FORMATS, Header, read_events, read_header, read_triggers
+from sensor.errors import reading
+from sensor.formats import FORMATS, Triggers, read_events, read_header, read_triggers
 from tasks.errors import RigError
-from tasks.exposures import FILE_NAME, Exposure, read_exposures, write_exposures
-from tasks.rig import clock
-from tasks.rig import page as page_files
-from tasks.rig import settings as rig_files
-from tasks.rig import slider as slider_files
-from tasks.rig.page import Page
-from tasks.rig.settings import RigSettings
-from tasks.rig.slider import Slider
+from tasks.exposures import FILE_NAME, Exposure, read_exposures
+from tasks.rig import page as pages
+from tasks.rig.settings import RIG_FILE, RigSettings, read_rig
+from tasks.rig.slider import SLIDER_FILE, Slider, read_columns, read_slider
 
 FRAMES_FOLDER = "frames"
 _RECORDED = "events.*", "rig.toml", "page.*", "*.csv", "*.yaml", "*.yml", "truth.json"
+_MAX_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
+_FARTHEST_US = 1000.0  # largest distance of an edge of both clocks from the fitted line
+_MIN_SPAN = 0.1  # of the edges, as a part of the readings, for a drift that holds for all of these
 
 
 def recorded_files(folder: Path) -> list[Path]:
@@ -43,34 +43,19 @@ def recorded_files(folder: Path) -> list[Path]:
     return [file for pattern in _RECORDED for file in sorted(folder.glob(pattern))]
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One image of a frame camera, and when its exposure started and ended."""
-
-    t_start_us: int
-    t_end_us: int
-    file: Path
-
-    @property
-    def t_us(self) -> int:
-        """The middle of the exposure, microseconds."""
-        return (self.t_start_us + self.t_end_us) // 2
-
-    def codes(self, camera: Camera) -> NDArray[np.uint8]:
-        """Read the image, (H, W)."""
-        return page_files.read_gray(self.file, (camera.width, camera.height))
-
-
 @dataclass(frozen=True)
 class RigRecording:
-    """A recording; its files are read when they are needed."""
+    """A recording; events and images are read when they are needed."""
 
     folder: Path
+
+    def __post_init__(self) -> None:
+        _ = self.settings, self.page, self.slider
 
     @cached_property
     def settings(self) -> RigSettings:
         """The rig."""
-        return rig_files.read_rig(self.folder / rig_files.FILE_NAME)
+        return read_rig(self.folder / RIG_FILE)
 
     @cached_property
     def camera(self) -> Camera:
@@ -78,46 +63,35 @@ class RigRecording:
         return self.settings.camera_in(self.folder)
 
     @cached_property
-    def page(self) -> Page:
+    def page(self) -> pages.Page:
         """The print."""
-        return page_files.read_page(self.folder / page_files.FILE_NAME)
+        return pages.read_page(self.folder / pages.FILE_NAME)
 
     @cached_property
     def slider(self) -> Slider:
         """The readings of the encoder, on the clock of the events."""
-        slider = slider_files.read_slider(self.folder / slider_files.FILE_NAME)
-        edges = self.folder / clock.FILE_NAME
+        slider = read_slider(self.folder / SLIDER_FILE)
+        edges = self.folder / "triggers.csv"
         if not edges.exists():
             return slider
-        return clock.on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
+        return on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
 
     @cached_property
     def events_file(self) -> Path:
         """The file of events."""
         suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-        files = [
-            file for file in sorted(self.folder.glob("events.*")) if file.suffix.lower() in suffixes
-        ]
+        found = sorted(self.folder.glob("events.*"))
+        files = [file for file in found if file.suffix.lower() in suffixes]
         if len(files) != 1:
             names = ", ".join(file.name for file in files) or "none"
             raise RigError(f"{self.folder}: expected one file events.*, found {names}")
         return files[0]
 
-    @cached_property
-    def header(self) -> Header:
-        """The header of the file of events."""
-        header = read_header(self.events_file)
-        camera = self.camera
-        if header.width and (header.width, header.height) != (camera.width, camera.height):
-            raise RigError(
-                f"{self.events_file}: the sensor has {header.width}x{header.height} px, but the "
-                f"camera in {rig_files.FILE_NAME} has {camera.width}x{camera.height} px"
-            )
-        return header
-
     def events(self) -> Iterator[Events]:
         """Read the events in parts, and check that their times overlap the slider's."""
-        size = None if self.header.width is not None else (self.camera.width, self.camera.height)
+        header, size = read_header(self.events_file), (self.camera.width, self.camera.height)
+        with reading(f"{self.events_file}, camera of {RIG_FILE}", error=RigError):
+            header.with_size(size)
         ends_us: list[int] = []
         for part in read_events(self.events_file, size=size):
             if len(part):
@@ -133,20 +107,26 @@ class RigRecording:
             )
 
     @cached_property
-    def frames(self) -> tuple[Frame, ...]:
+    def frames(self) -> list[Exposure]:
         """The images of the frame camera, in order of time; none without frames.csv."""
         if not (self.folder / FILE_NAME).exists():
-            return ()
-        exposures = read_exposures(self.folder)
-        frames = [
-            Frame(start_us, end_us, self._image(name)) for start_us, end_us, name in exposures
-        ]
-        return tuple(sorted(frames, key=lambda frame: frame.t_us))
+            return []
+        return sorted(read_exposures(self.folder), key=lambda frame: frame.t_us)
 
-    def _image(self, name: str) -> Path:
-        """Return an image of frames.csv, which may leave out its folder."""
-        listed = self.folder / name
-        return listed if listed.exists() else self.folder / FRAMES_FOLDER / name
+    def codes(self, frame: Exposure) -> NDArray[np.uint8]:
+        """Read an image, (H, W); frames.csv may leave out its folder."""
+        file = self.folder / frame.file
+        if not file.exists():
+            file = self.folder / FRAMES_FOLDER / frame.file
+        return pages.read_gray(file, (self.camera.width, self.camera.height))
+
+
+def span_us(file: Path, parts: Iterable[Events]) -> tuple[int, int]:
+    """Return the times of the first and the last event of a file, us."""
+    ends = [int(part.t_us[k]) for part in parts if len(part) for k in (0, -1)]
+    if not ends:
+        raise RigError(f"{file}: has no events")
+    return ends[0], ends[-1]
 
 
 def thresholds_of(file: Path, given: float | None) -> tuple[float, float]:
@@ -159,17 +139,36 @@ def thresholds_of(file: Path, given: float | None) -> tuple[float, float]:
     return model.contrast_threshold, model.off_threshold
 
 
-def write_frames_table(folder: Path, frames: list[Frame]) -> None:
-    """Write frames.csv into the folder of a recording."""
-    exposures = (
-        Exposure(frame.t_start_us, frame.t_end_us, f"{FRAMES_FOLDER}/{frame.file.name}")
-        for frame in frames
-    )
-    write_exposures(folder, exposures)
+def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Triggers]) -> Slider:
+    """Return readings on the clock of the events.
 
-
-def open_rig_recording(folder: Path) -> RigRecording:
-    """Open the folder of a recording."""
-    recording = RigRecording(folder)
-    _ = recording.settings, recording.page, recording.slider
-    return recording
+    Parameters
+    ----------
+    file
+        triggers.csv: a line for each edge with its time on the slider's clock, `slider_us`, and on
+        the events' clock, `t_us`. Without a column `t_us`, the edges are the rising ones in the
+        file of events, in the same order.
+    """
+    columns = read_columns(file, ("slider_us",), optional=("t_us",))
+    slider_us, t_us = columns["slider_us"], columns.get("t_us")
+    if t_us is None:
+        with reading(file, error=RigError):
+            t_us = triggers().rising_us().astype(np.float64)
+    if not 0 < len(t_us) == len(slider_us):
+        raise RigError(
+            f"{file}: has {len(slider_us)} edges of the slider, and the events have {len(t_us)} "
+            "rising edges; each edge needs a time on both clocks"
+        )
+    drift = 0.0
+    if np.ptp(slider_us) >= _MIN_SPAN * np.ptp(slider.t_us):
+        from_mean_us = slider_us - slider_us.mean()  # for the slope by least squares
+        drift = float(from_mean_us @ (t_us - slider_us) / (from_mean_us @ from_mean_us))
+    zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
+    off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
+    if not (abs(drift) < _MAX_DRIFT and off_us.max() < _FARTHEST_US):
+        raise RigError(
+            f"{file}: the sync edges of slider and events disagree by {off_us.max():.0f} us (limit "
+            f"{_FARTHEST_US:.0f} us), with a clock drift of {drift:.2g} (limit {_MAX_DRIFT:g}); "
+            "check for a missing edge"
+        )
+    return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)

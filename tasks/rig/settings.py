@@ -12,7 +12,7 @@ from eres_render.errors import check_positive
 from eres_render.storage.settings_reader import Vector3, read_toml
 from tasks.errors import RigError
 
-FILE_NAME = "rig.toml"
+RIG_FILE = "rig.toml"
 
 INCH_M = 0.0254
 _MIN_DPI, _MAX_DPI = 350.0, 4800.0

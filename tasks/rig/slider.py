@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eres_render.errors import reading
-from eres_render.storage.atomic import write_text
 from tasks.errors import RigError
 from tasks.rig.settings import SliderSettings
 
 Float64 = NDArray[np.float64]
 
-FILE_NAME = "slider.csv"
+SLIDER_FILE = "slider.csv"
 
 _COLUMNS = ("t_us", "x_m")
 _MAX_GAP = 20.0  # times the median time between two readings, while the carriage moves
@@ -124,24 +123,23 @@ class Slider:
 
 def read_slider(file: Path) -> Slider:
     """Read slider.csv: a line `t_us,x_m`, then one line for each reading."""
-    columns = read_columns(file, _COLUMNS)
-    with reading(file, "numbers", RigError):
-        slider = Slider(*(np.array(columns[name], dtype=np.float64) for name in _COLUMNS))
+    with reading(file, "readings", RigError):
+        slider = Slider(*read_columns(file, _COLUMNS).values())
         slider.check_gaps()
         return slider
 
 
-def write_slider(file: Path, slider: Slider) -> None:
-    """Write slider.csv."""
+def slider_text(slider: Slider) -> str:
+    """Return readings as the content of slider.csv."""
     readings = zip(slider.t_us.tolist(), slider.x_m.tolist(), strict=True)
     lines = (f"{int(t) if t.is_integer() else t},{x!r}" for t, x in readings)
-    write_text(file, ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n")
+    return ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n"
 
 
 def read_columns(
     file: Path, names: tuple[str, ...], *, optional: tuple[str, ...] = ()
-) -> dict[str, list[str]]:
-    """Read named columns of a CSV file."""
+) -> dict[str, Float64]:
+    """Read named columns of numbers from a CSV file."""
     with reading(file, "CSV", RigError), file.open(newline="", encoding="utf-8-sig") as opened:
         table = csv.DictReader(opened)
         columns = [name.strip() for name in table.fieldnames or ()]
@@ -154,7 +152,8 @@ def read_columns(
         for number, line in enumerate(lines, start=2):
             if not (line[name] or "").strip():
                 raise RigError(f"{file}, line {number}: {name}: has no value")
-    return {name: [line[name].strip() for line in lines] for name in names}
+    with reading(file, "numbers", RigError):
+        return {name: np.array([line[name] for line in lines], np.float64) for name in names}
 
 
 def strokes(settings: SliderSettings) -> Slider:

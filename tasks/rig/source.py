@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,8 @@ from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, V
 from tasks.evaluation.source import FlowPoints, Images, Source, true_points
 from tasks.flow import Features
 from tasks.reconstruction import log_white_level
-from tasks.rig.crop import Cropped
-from tasks.rig.page_view import page_views
-from tasks.rig.places import Way, Window
-from tasks.rig.prints import Print, are_inside
+from tasks.rig.page import page_views
+from tasks.rig.prints import Print, Way, Window, are_inside
 from tasks.tracking import path_at
 from tasks.video import picture
 
@@ -32,42 +29,34 @@ Float64 = NDArray[np.float64]
 MAX_ITEMS = 1_000_000
 """Items of a task in a visit to a place."""
 
-_PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 _MARGIN_US = 20_000  # a path lasts 14 ms, and has a control pose before it and one after it
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Crop:
-    """A crop in memory."""
-
-    folder: Path
-    cropped: Cropped
-    way: Way
-    printed: Print
-    events: Events
-    contrast_threshold: float
-    cutoff_hz: float
-
-
+@dataclass(eq=False, kw_only=True)
 class CropSource(Source):
     """A window of a crop, or all of its windows as one stretch for tasks with a state."""
 
-    def __init__(self, crop: Crop, windows: Sequence[Window]) -> None:
-        self._crop, self._windows = crop, windows
-        self._first, self._camera = windows[0], crop.cropped.camera()
-        self._pose = crop.cropped.pose.pose()
-        self.name = str(crop.folder)
-        self.window = source.Window(windows[0].start_us, windows[-1].end_us)
-        self.size = self._camera.width, self._camera.height
-        self.contrast_threshold = crop.contrast_threshold
-        view = page_views(self._camera, self._pose, crop.printed.page, crop.printed.light)
+    name: str
+    contrast_threshold: float
+    cutoff_hz: float
+    scene: str
+    way: Way
+    printed: Print
+    events: Events
+    windows: Sequence[Window]
+
+    def __post_init__(self) -> None:
+        self._first, self._pose = self.windows[0], self.way.pose
+        self.window = source.Window(self._first.start_us, self.windows[-1].end_us)
+        self.size = self._pose.camera.width, self._pose.camera.height
+        view = page_views(self._pose, self.printed.page, self.printed.light)
         self._log_view = cache(lambda x_m: np.log(view(x_m) + DARK_SHARE))
 
     def camera(self) -> Camera:
-        return self._camera
+        return self._pose.camera
 
     def plane(self) -> Plane:
-        return _PLANE
+        return Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
     def log_image(self) -> Float64:
         return self._log_view(self._first.x_m[0])
@@ -82,7 +71,7 @@ class CropSource(Source):
 
     def covers(self, task: TaskSettings) -> bool:
         """Return whether the recording lasts long enough around the window for a task."""
-        way, window = self._crop.way, self.window
+        way, window = self.way, self.window
         if any(each.windows_before for each in task.plan()) and window.before_us < way.first_us:
             return False
         if not isinstance(task, Tracking):
@@ -91,7 +80,7 @@ class CropSource(Source):
         return bool(slider_us[0] <= window.start_us - _MARGIN_US and end_us <= slider_us[-1])
 
     def parts(self) -> Iterator[Events]:
-        yield self._crop.events
+        yield self.events
 
     def corners(self, count: int) -> tuple[NDArray[np.intp], Float64, Float64]:
         """Return corners of the print that stay in the crop, and their displacements.
@@ -101,10 +90,9 @@ class CropSource(Source):
         numbers, centers_px, flow_px
             (N,) numbers of the corners, the same in all crops, (N, 2) px, and (N, 2) px.
         """
-        pose, camera, window = self._pose, self._camera, self._first
-        points_m = self._crop.printed.corners_m(window.place)[:count]
-        start_px, end_px = pose.project(camera, points_m, window.x_m)
-        inside = are_inside(camera, start_px) & are_inside(camera, end_px)
+        points_m = self.printed.corners_m(self._first.place)[:count]
+        start_px, end_px = self._pose.project(points_m, self._first.x_m)
+        inside = are_inside(self.camera(), start_px) & are_inside(self.camera(), end_px)
         return np.flatnonzero(inside), start_px[inside], (end_px - start_px)[inside]
 
     def points(self, task: Flow | DenseFlow) -> FlowPoints:
@@ -115,7 +103,7 @@ class CropSource(Source):
         return true_points(features, task, numbers.tolist())
 
     def images(self, task: Video) -> Images:
-        windows, shape = self._windows, self.size[::-1]
+        windows, shape = self.windows, self.size[::-1]
         return Images(
             numbers={window.end_us: i for i, window in enumerate(windows)},
             step_us=None,
@@ -126,18 +114,18 @@ class CropSource(Source):
         return path_at(self.pose, 0.0)
 
     def pose(self, t_s: Float64) -> Float64:
-        x_m = self._crop.way.slider.position_m(self.window.start_us + 1e6 * t_s)
+        x_m = self.way.slider.position_m(self.window.start_us + 1e6 * t_s)
         return self._pose.at(x_m)
 
     def seeds(self, task: Tracking) -> tuple[list[int], int]:
         return [task.seed, self._first.place, self._first.back], 0
 
     def columns(self, score: Score) -> dict[str, Any]:
-        crop, window = self._crop, self._windows[score.sample or 0]
-        count = len(crop.events.between(window.start_us, window.end_us))
+        window = self.windows[score.sample or 0]
+        count = len(self.events.between(window.start_us, window.end_us))
         return {
-            "scene": crop.cropped.scene,
-            "cutoff_hz": crop.cutoff_hz,
+            "scene": self.scene,
+            "cutoff_hz": self.cutoff_hz,
             "speed": round(window.encoder_mps * self._pose.scale, 4),
             "sample": window.place,
             "event_rate_hz": 1e6 * count / (window.end_us - window.start_us),

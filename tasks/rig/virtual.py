@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import cv2
@@ -18,21 +17,16 @@ from eres_render.sequence.manifest import read_manifest
 from eres_render.storage.atomic import make_folder, write_bytes, write_text
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.tum import tum_text
-from tasks import exposures
 from tasks.errors import RigError
 from tasks.events.frame_camera import developed, exposed
 from tasks.events.frame_camera_options import FrameCameraOptions
-from tasks.rig import page as page_files
-from tasks.rig import settings as rig_files
-from tasks.rig import slider as slider_files
+from tasks.exposures import FILE_NAME, Exposure, write_exposures
+from tasks.rig import page as pages
 from tasks.rig.bundle import RigPose
-from tasks.rig.calibration import TRUTH_NAME, on_page, write_truth
-from tasks.rig.page import Page, draw, lay_out, read_page_image, reflectance
-from tasks.rig.recording import FRAMES_FOLDER, Frame, write_frames_table
-from tasks.rig.settings import RigSettings, SliderSettings, check_bounds, read_rig
-from tasks.rig.slider import Slider, strokes
-
-Float64 = NDArray[np.float64]
+from tasks.rig.calibration import TRUTH_NAME, StoredPose
+from tasks.rig.recording import FRAMES_FOLDER
+from tasks.rig.settings import RIG_FILE, RigSettings, SliderSettings, check_bounds, read_rig
+from tasks.rig.slider import SLIDER_FILE, Slider, slider_text, strokes
 
 LIGHT_FOLDER = "light"
 
@@ -61,7 +55,9 @@ min_clearance_m = 0.01
 """
 
 
-def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m: float) -> RigPose:
+def true_pose(
+    settings: RigSettings, slider: SliderSettings, page: pages.Page, camera: Camera, depth_m: float
+) -> RigPose:
     """Return where the virtual camera is.
 
     Parameters
@@ -81,7 +77,7 @@ def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m
         raise RigError(f"mount.turn_deg: {mount.turn_deg} turns the camera away from the page")
     middle = np.array([x, y, 0.0]) - depth_m / axis[2] * axis
     direction = np.array(slider.direction) / np.linalg.norm(slider.direction)
-    return RigPose(turn, middle - 0.5 * slider.travel_m * direction, direction)
+    return RigPose(camera, turn, middle - 0.5 * slider.travel_m * direction, direction)
 
 
 def render_rig(
@@ -118,22 +114,28 @@ def render_rig(
     frame_camera.check()
     # The first image is taken at rest.
     check_bounds("exposure", frame_camera.exposure, _MIN_EXPOSURE_S, settings.slider.pause_s)
-    page = lay_out(settings.page)
-    codes = draw(page, settings.page, rig_file.parent)
+    page = pages.lay_out(settings.page)
+    codes = pages.draw(page, settings.page, rig_file.parent)
     slider = strokes(settings.slider)
-    pose = true_pose(settings, settings.slider, page, depth_m)
     camera = settings.camera_in(rig_file.parent)
-    _check_same(out, page, slider, pose)
+    pose = true_pose(settings, settings.slider, page, camera, depth_m)
+    facts = {
+        pages.FILE_NAME: pages.json_text(page),
+        SLIDER_FILE: slider_text(slider),
+        TRUTH_NAME: pages.json_text(StoredPose.of(pose)),
+    }
+    _check_same(out, facts)
     _check_light(out, page, codes, camera)
-    write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
+    write_text(out / RIG_FILE, rig_file.read_text(encoding="utf-8"))
     if out.resolve() != rig_file.parent.resolve():
         if settings.camera_file is not None:
             write_camera(out / settings.camera_file, camera)
         if (picture := rig_file.parent / settings.page.picture).is_file():
             write_bytes(out / picture.name, picture.read_bytes())
-    page_files.write_print(out / page_files.IMAGE_NAME, codes, page)
-    _write_facts(out, page, slider, pose)
-    write_page_scene(out / "scene", page, codes, camera, slider, pose)
+    pages.write_print(out / pages.IMAGE_NAME, codes, page)
+    for name, text in facts.items():
+        write_text(out / name, text)
+    write_page_scene(out / "scene", page, codes, slider, pose)
     light = render_scene(
         load_scene(out / "scene"),
         out / LIGHT_FOLDER,
@@ -158,52 +160,39 @@ def _check_images(out: Path, images: int) -> None:
         )
 
 
-def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
+def _check_same(out: Path, facts: dict[str, str]) -> None:
     """Refuse the folder of another recording, whose light and events would get a false truth."""
     virtual = (out / TRUTH_NAME).exists()
-    real = [] if virtual else [*out.glob(exposures.FILE_NAME), *out.glob("events.*")]
+    real = [] if virtual else [*out.glob(FILE_NAME), *out.glob("events.*")]
     if real:
         raise RigError(f"{real[0]}: belongs to a real recording; choose another --out")
-    with tempfile.TemporaryDirectory() as folder:
-        _write_facts(Path(folder), page, slider, pose)
-        for file in Path(folder).iterdir():
-            old = out / file.name
-            if old.read_bytes() != file.read_bytes() if old.exists() else virtual:
-                raise RigError(f"{old}: was made for another rig or depth; choose another --out")
+    for name, text in facts.items():
+        old = out / name
+        if old.read_bytes() != text.encode() if old.exists() else virtual:
+            raise RigError(f"{old}: was made for another rig or depth; choose another --out")
 
 
-def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera) -> None:
+def _check_light(out: Path, page: pages.Page, codes: NDArray[np.uint8], camera: Camera) -> None:
     """Check that light that was rendered before is of this camera and picture."""
-    image = out / page_files.IMAGE_NAME
+    image = out / pages.IMAGE_NAME
     for manifest in (out / LIGHT_FOLDER).glob("*/manifest.json"):
-        same = image.exists() and np.array_equal(read_page_image(image, page), codes)
+        same = image.exists() and np.array_equal(pages.read_page_image(image, page), codes)
         if read_manifest(manifest.parent).camera != camera or not same:
             raise RigError(f"{manifest}: is from another camera or picture; choose another --out")
 
 
-def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:
-    page_files.write_page(folder / page_files.FILE_NAME, page)
-    slider_files.write_slider(folder / slider_files.FILE_NAME, slider)
-    write_truth(folder, pose)
-
-
 def write_page_scene(
-    folder: Path,
-    page: Page,
-    codes: NDArray[np.uint8],
-    camera: Camera,
-    slider: Slider,
-    pose: RigPose,
+    folder: Path, page: pages.Page, codes: NDArray[np.uint8], slider: Slider, pose: RigPose
 ) -> None:
     """Write the page on its wall, and the camera's path, for `load_scene`."""
     make_folder(folder)
     middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])
     ends_m = slider.x_m.min(), slider.x_m.max()
-    view_m = np.array([on_page(pose, camera, camera.grid(2), x) for x in ends_m])
+    view_m = np.array([pose.on_page(pose.camera.grid(2), x) for x in ends_m])
     wall = _MARGIN * max(float(np.abs(view_m - middle).max()), page.width_m, page.height_m)
-    upward = reflectance(codes)[::-1]  # a rectangle's v runs up, from the texture's first row
+    upward = pages.reflectance(codes)[::-1]  # a rectangle's v runs up, from the texture's first row
     write_luminance(folder / "page.exr", np.ascontiguousarray(upward, np.float32))
-    fov_deg = np.rad2deg(camera.fov_rad)
+    fov_deg = np.rad2deg(pose.camera.fov_rad)
     facts = {"half_w": middle[0], "half_h": middle[1], "wall": wall, "fov_deg": fov_deg}
     facts = {name: repr(float(value)) for name, value in facts.items()}
     write_text(folder / "scene.xml", _XML.format(**facts))
@@ -226,9 +215,9 @@ def _write_frames(
     rng = np.random.default_rng(seed)
     frames = []
     for k, t_us in enumerate([half_us, *middles_us.tolist()]):
-        frame = Frame(t_us - half_us, t_us + half_us, out / FRAMES_FOLDER / f"{k:06d}.png")
-        radiance = exposed(light, 1e-6 * frame.t_start_us, 1e-6 * frame.t_end_us)
+        frame = Exposure(t_us - half_us, t_us + half_us, f"{FRAMES_FOLDER}/{k:06d}.png")
+        radiance = exposed(light, 1e-6 * frame.start_us, 1e-6 * frame.end_us)
         codes = developed(radiance / light.white_level, options, rng)
-        write_bytes(frame.file, cv2.imencode(".png", codes)[1].tobytes())
+        write_bytes(out / frame.file, cv2.imencode(".png", codes)[1].tobytes())
         frames.append(frame)
-    write_frames_table(out, frames)
+    write_exposures(out, frames)

@@ -53,7 +53,7 @@ class Rig:
         middle = np.array([self.page.width_m / 2, self.page.height_m / 2, -self.depth_m])
         d = np.array(self.direction) / np.linalg.norm(self.direction)
         R = Rotation.from_rotvec(np.deg2rad(self.turn_deg)).as_matrix()
-        return RigPose(R, middle - 0.5 * TRAVEL_M * d, d)
+        return RigPose(self.camera, R, middle - 0.5 * TRAVEL_M * d, d)
 
     def corners(
         self, sigma_px, views=20, seed=0, *, latency_ms=0.0, one_way=False, bias_px=0.0, scale=1.0
@@ -63,11 +63,11 @@ class Rig:
         t = self.slider.t_us
         times = self.slider.evenly_along(views, t[0], 0.5 * t[-1] if one_way else t[-1])
         size = self.camera.width, self.camera.height
-        on_page = np.array([self.page.corners(k) for k in range(len(self.page.markers_m))])
+        on_page = self.page.corners()
         t_us, page_m, image_px = [], [], []
         for time in times.astype(float):
             x_m = scale * np.interp(time - 1e3 * latency_ms, t, self.slider.x_m)
-            px = self.pose.project(self.camera, on_page.reshape(-1, 2), x_m).reshape(-1, 4, 2)
+            px = self.pose.project(on_page.reshape(-1, 2), x_m).reshape(-1, 4, 2)
             outward = px - px.mean(axis=1, keepdims=True)
             px = px + bias_px * outward / np.linalg.norm(outward, axis=-1, keepdims=True)
             seen = np.all((px > 2) & (px < np.subtract(size, 2)), axis=(1, 2))

@@ -106,9 +106,7 @@ def every_table(clip, finished_run, screen):
             patch.setattr(convergence, name, function)
         patch.setattr("tasks.study.run.run_study", lambda *_, **__: [])
         patch.setattr("tasks.study.report.write_report", lambda run: run.folder / "report.html")
-        patch.setattr(
-            "tasks.rig.recording.open_rig_recording", lambda path: SimpleNamespace(folder=path)
-        )
+        patch.setattr("tasks.rig.recording.RigRecording", lambda path: SimpleNamespace(folder=path))
         patch.setattr("tasks.rig.calibration.solve_recording", lambda *_: SOLVED)
         patch.setattr("tasks.rig.calibration.read_truth", lambda _: None)
         patch.setattr("tasks.rig.markers.read_detections", lambda _: None)

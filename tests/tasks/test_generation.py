@@ -27,10 +27,8 @@ from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
 from tasks.events.truth import groups_to_copy
 from tasks.generation import dataset, of_study, sequence
-from tasks.generation.cluster import _complete
-from tasks.generation.dataset import make_dataset
-from tasks.generation.estimate import estimate
-from tasks.generation.settings import DatasetSettings, claim_folder
+from tasks.generation.dataset import _complete, make_dataset
+from tasks.generation.settings import DatasetSettings, claim_folder, estimate
 
 OPTIONS = [
     *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from benchmark_files import benchmark
-from tasks.rig.bundle import Unknowns
+from tasks.rig.bundle import CORNER_BIAS, LATENCY
 from tasks.rig.calibration import compare, read_truth, solve_recording
-from tasks.rig.detect import detect
+from tasks.rig.markers import detect
 
 rig = benchmark("rig")
 
-UNKNOWNS = Unknowns(latency=True, corner_bias=True)
+UNKNOWNS = LATENCY, CORNER_BIAS
 SETTINGS = [  # width, depth and travel in meters
     (346, 0.236, 0.1),  # where markers leave the view in a longer stroke
     (346, 0.436, 0.2),
@@ -37,7 +37,7 @@ def test_markers_in_high_pass_images_solve_the_rig(folder):
     found = detect(recording, "hf", images=rig.IMAGES)
     solved = solve_recording(recording, found, UNKNOWNS, 2.0)
     truth = read_truth(recording)
-    errors = compare(solved.pose.pose(), truth, recording.camera, solved.x_m)
+    errors = compare(solved.pose.on(recording.camera), truth, solved.x_m)
     assert errors.image_px < 0.1
     assert errors.flow_px < 0.01
     assert errors.position_mm < 0.5

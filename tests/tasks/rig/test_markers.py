@@ -1,6 +1,5 @@
 """Corners of markers: OpenCV's conventions, files, and false detections."""
 
-from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -10,8 +9,7 @@ import pytest
 from tasks.errors import RigError
 from tasks.rig.markers import (
     Detections,
-    Detector,
-    detector,
+    find_markers,
     gray_codes,
     read_detections,
     write_detections,
@@ -34,11 +32,20 @@ def picture(x, y, width=150, height=120, side_px=SIDE_PX):
     return np.round(small).astype(np.uint8)
 
 
+def wide(gray):
+    """Return an image with white to its right, which is wide enough not to be enlarged."""
+    return np.pad(gray, ((0, 0), (0, 640 - gray.shape[1])), constant_values=230)
+
+
+def find(gray, count=50, refinement="contour"):
+    return find_markers(gray, DICTIONARY, count, refinement)
+
+
 def true_corners(x, y):
     return np.array([[x, y], [x + SIDE_PX, y], [x + SIDE_PX, y + SIDE_PX], [x, y + SIDE_PX]])
 
 
-@pytest.mark.parametrize("enlarged", [1, 4])
+@pytest.mark.parametrize("enlarged", [False, True])
 @pytest.mark.parametrize(
     ("refinement", "tolerance_px"),
     [("none", 0.2), ("subpix", 0.06), ("contour", 0.12), ("apriltag", 0.1)],
@@ -46,43 +53,39 @@ def true_corners(x, y):
 def test_positions_count_from_the_corner_of_the_image(refinement, enlarged, tolerance_px):
     """Promise: with each of OpenCV's refinements, (0, 0) is the corner of the first pixel. A wrong
     convention shifts all corners by half a pixel of the enlarged image."""
-    finder = Detector(DICTIONARY, 50, refinement, enlarged)
     off = []
     for x, y in PLACES:
-        numbers, corners_px, _ = finder.find(picture(x, y))
+        gray = picture(x, y) if enlarged else wide(picture(x, y))
+        numbers, corners_px, _ = find(gray, refinement=refinement)
         assert numbers.tolist() == [7]
         off.append((corners_px[0] - true_corners(x, y)).mean(axis=0))
     shift = np.mean(off, axis=0)
-    assert np.abs(shift).max() < tolerance_px / (1 if enlarged == 1 else 2), shift
+    assert np.abs(shift).max() < tolerance_px / (2 if enlarged else 1), shift
 
 
-def test_the_usual_detectors_find_corners_to_half_a_pixel():
-    """Promise: contour refinement, enlarged four times below 640 px; the common inward shift of all
-    corners is the corner bias, which `solve` can estimate."""
+@pytest.mark.parametrize("framed", [wide, np.asarray])
+def test_corners_are_found_to_half_a_pixel(framed):
+    """Promise: with or without enlargement, the common inward shift of all corners is the corner
+    bias, which `solve` can estimate."""
     outward = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    for width, enlarged in ((346, 4), (1280, 1)):
-        finder = detector(DICTIONARY, 50, width)
-        assert (finder.refinement, finder.enlarged) == ("contour", enlarged)
-        off = np.array([finder.find(picture(x, y))[1][0] - true_corners(x, y) for x, y in PLACES])
-        bias = np.mean(off * outward)
-        assert -0.8 < bias < 0
-        assert np.sqrt(np.mean(np.sum(np.square(off - bias * outward), axis=-1))) < 0.45
+    off = np.array([find(framed(picture(*at)))[1][0] - true_corners(*at) for at in PLACES])
+    bias = np.mean(off * outward)
+    assert -0.8 < bias < 0
+    assert np.sqrt(np.mean(np.sum(np.square(off - bias * outward), axis=-1))) < 0.45
 
 
 def test_a_marker_twice_or_not_on_the_page_is_left_out():
     """Promise: a number seen twice is left out, and so are numbers that the page does not have."""
     one = picture(60.0, 50.0)
     twice = np.concatenate([one, one], axis=1)
-    finder = Detector(DICTIONARY, 50, "contour", 1)
-    assert finder.find(twice)[0].size == 0
-    assert replace(finder, count=7).find(one)[0].size == 0
-    assert replace(finder, count=8).find(one)[0].tolist() == [7]
+    assert find(twice)[0].size == 0
+    assert find(one, count=7)[0].size == 0
+    assert find(one, count=8)[0].tolist() == [7]
 
 
 def test_score_is_the_contrast():
-    finder = Detector(DICTIONARY, 50, "contour", 1)
-    strong = finder.find(picture(60.0, 50.0))[2][0]
-    weak = finder.find((picture(60.0, 50.0) // 4 + 90).astype(np.uint8))[2][0]
+    strong = find(picture(60.0, 50.0))[2][0]
+    weak = find((picture(60.0, 50.0) // 4 + 90).astype(np.uint8))[2][0]
     assert 0.6 < strong < 0.9
     assert weak == pytest.approx(strong / 4, rel=0.05)
 

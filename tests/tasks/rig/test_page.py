@@ -12,13 +12,14 @@ from tasks.errors import RigError
 from tasks.rig.page import (
     INK,
     PAPER,
+    check_print,
     draw,
+    json_text,
     lay_out,
     markers,
     read_page,
     read_page_image,
     reflectance,
-    write_page,
     write_print,
 )
 from tasks.rig.settings import PageSettings, RigCamera, RigSettings, SliderSettings, read_rig
@@ -53,7 +54,7 @@ def test_every_marker_is_where_the_file_says(page, image):
     assert sorted(numbers.ravel().tolist()) == list(range(len(page.markers_m)))
     for quad, number in zip(quads, numbers.ravel().tolist(), strict=True):
         # Without refinement OpenCV gives the outermost black dots, counted from their centers.
-        dots = page.corners(number) / page.dot_m
+        dots = page.corners()[number] / page.dot_m
         inner = dots + 0.5 * np.sign(dots.mean(axis=0) - dots) - 0.5
         assert np.abs(quad[0] - inner).max() < 1.01
 
@@ -95,7 +96,7 @@ def test_reflectance_runs_from_ink_to_paper(page, image):
 
 def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
     """Promise: PNG and PDF have the printed size; page.json is read back bit by bit."""
-    write_page(tmp_path / "page.json", page)
+    (tmp_path / "page.json").write_text(json_text(page))
     assert read_page(tmp_path / "page.json") == page
     for name in ("page.png", "page.pdf"):
         write_print(tmp_path / name, image, page)
@@ -106,7 +107,7 @@ def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
     points = pdf[pdf.index(b"MediaBox") :].split(b"[")[1].split(b"]")[0].split()
     assert float(points[2]) == pytest.approx(72 * page.width_m / 0.0254, rel=1e-3)
     with pytest.raises(RigError, match=r"page\.jpg: .*\.pdf or \.png"):
-        write_print(tmp_path / "page.jpg", image, page)
+        check_print(tmp_path / "page.jpg")
 
 
 def test_an_image_file_can_be_the_picture(tmp_path):

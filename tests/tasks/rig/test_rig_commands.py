@@ -10,7 +10,7 @@ import pytest
 
 from tasks.errors import RigError
 from tasks.events.frame_camera_options import FrameCameraOptions
-from tasks.rig.bundle import Unknowns
+from tasks.rig.bundle import CORNER_BIAS, LATENCY, SCALE
 from tasks.rig.evaluate import RigEvaluation
 from tasks.rig.intrinsics import Board
 
@@ -42,7 +42,7 @@ DETECTED = {
     "blur_px": 1.5,
     "refinement": "subpix",
 }
-ALL = Unknowns(latency=True, scale=True, corner_bias=True)
+ALL = LATENCY, SCALE, CORNER_BIAS
 EVALUATED = RigEvaluation(
     places=3,
     travel_m=0.004,
@@ -71,7 +71,7 @@ EVALUATED = RigEvaluation(
         (
             "detect near --out c.parquet --source ei --images 9 --max-speed 0.3 --threshold 0.15 "
             "--blur 1.5 --refinement subpix",
-            "detect.detect",
+            "markers.detect",
             ((NEAR, "ei"), DETECTED),
         ),
         (
@@ -97,7 +97,7 @@ def test_each_option_reaches_its_function(eres, tmp_path, monkeypatch, command, 
         raise RigError("asked")
 
     monkeypatch.chdir(tmp_path)
-    opened = "tasks.rig.recording.open_rig_recording"
+    opened = "tasks.rig.recording.RigRecording"
     monkeypatch.setattr(opened, lambda path: SimpleNamespace(folder=path))
     monkeypatch.setattr("tasks.rig.markers.read_detections", lambda file: file)
     monkeypatch.setattr(f"tasks.rig.{function}", record)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tasks.errors import RigError
-from tasks.rig.detect import _frames
-from tasks.rig.places import Way
+from tasks.rig.markers import _frames
+from tasks.rig.prints import Way
 from tasks.rig.settings import SliderSettings
-from tasks.rig.slider import Slider, read_slider, strokes, write_slider
+from tasks.rig.slider import Slider, read_slider, slider_text, strokes
 
 SETTINGS = SliderSettings(travel_m=0.2, speeds_mps=(0.2, 0.4), acceleration_mps2=10.0, pause_s=0.05)
 
@@ -46,7 +46,7 @@ def test_images_are_evenly_spaced_along_the_way():
 
 def way_of(slider, first_us=0, last_us=10**12, *, scale=1.0, begin_m=0.0, slope=1.0):
     """Return the way of a crop whose middle is at the position of the slider."""
-    return Way(slider, first_us, last_us, scale, begin_m, slope)
+    return Way(slider, first_us, last_us, SimpleNamespace(scale=scale), begin_m, slope)
 
 
 def windows(slider, count, travel_m=0.006, until_us=10**12):
@@ -183,7 +183,7 @@ def test_files_keep_every_digit(tmp_path, interval_us):
     slider = strokes(SETTINGS)
     if interval_us:
         slider = Slider(interval_us * np.arange(len(slider.x_m)), slider.x_m)
-    write_slider(tmp_path / "slider.csv", slider)
+    (tmp_path / "slider.csv").write_text(slider_text(slider))
     back = read_slider(tmp_path / "slider.csv")
     assert np.array_equal(back.t_us, slider.t_us)
     assert np.array_equal(back.x_m, slider.x_m)
@@ -231,8 +231,9 @@ def test_frames_are_those_of_slow_motion():
     """Promise: with a limit, no frame of a faster stroke is used, however near to a slow time."""
     slider = strokes(SETTINGS)
     taken_us = slider.evenly_along(40, 0.0, slider.t_us[-1])  # as `eres rig render` takes them
-    frames = tuple(SimpleNamespace(t_us=int(t_us), codes=lambda camera: None) for t_us in taken_us)
-    recording = SimpleNamespace(slider=slider, frames=frames, camera=None, folder=Path("near"))
+    frames = tuple(SimpleNamespace(t_us=int(t_us)) for t_us in taken_us)
+    has = {"slider": slider, "frames": frames, "codes": lambda frame: None}
+    recording = SimpleNamespace(folder=Path("near"), **has)
     for limit, fastest in ((0.25, 0.2), (np.inf, 0.4)):
         used_us = [t_us for t_us, _ in _frames(recording, 40, limit)]
         assert np.abs(slider.speed_mps(np.array(used_us))).max() == pytest.approx(fastest, rel=1e-3)

@@ -6,7 +6,7 @@ import pytest
 from sensor.formats import Triggers
 from sensor.formats.triggers import NO_TRIGGERS
 from tasks.errors import RigError
-from tasks.rig.clock import on_clock_of_events
+from tasks.rig.recording import on_clock_of_events
 from tasks.rig.slider import Slider
 
 SLIDER = Slider(np.linspace(0.0, 1e6, 11), np.linspace(0.0, 0.2, 11))

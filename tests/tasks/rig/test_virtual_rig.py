@@ -29,32 +29,27 @@ from tasks.events.simulation import simulate_sequence
 from tasks.recording.frames import open_frames
 from tasks.registry import TASKS
 from tasks.rig import virtual
-from tasks.rig.bundle import RigPose, Unknowns
+from tasks.rig.bundle import CORNER_BIAS, LATENCY, RigPose
 from tasks.rig.calibration import (
+    RigCalibration,
     compare,
-    on_page,
     read_rig_calibration,
     read_truth,
     solve_recording,
-    write_calibration,
 )
-from tasks.rig.crop import common_boxes, crop, homography, read_crop
-from tasks.rig.detect import _Integration, detect
+from tasks.rig.crop import common_boxes, crop, homography, light_of_crop, read_crop
 from tasks.rig.evaluate import (
     RigEvaluation,
     _load,
-    _windows,
     evaluate_rig,
     rows_of,
 )
-from tasks.rig.light import light_of_crop
-from tasks.rig.markers import Detections
-from tasks.rig.places import Window
-from tasks.rig.prints import prints_of
-from tasks.rig.recording import open_rig_recording
+from tasks.rig.markers import Detections, _Integration, detect
+from tasks.rig.page import json_text
+from tasks.rig.prints import Window, prints_of
+from tasks.rig.recording import RigRecording
 from tasks.rig.settings import read_rig
-from tasks.rig.slider import Slider, read_slider, write_slider
-from tasks.rig.source import CropSource
+from tasks.rig.slider import Slider, read_slider, slider_text
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -104,19 +99,19 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recording(folder):
-    return open_rig_recording(folder)
+    return RigRecording(folder)
 
 
 @pytest.fixture(scope="module")
 def frames_solved(recording):
     found = detect(recording, "frame", images=10)
-    return solve_recording(recording, found, Unknowns(corner_bias=True), 2.0)
+    return solve_recording(recording, found, (CORNER_BIAS,), 2.0)
 
 
 @pytest.fixture(scope="module")
 def calibration(frames_solved, tmp_path_factory):
     file = tmp_path_factory.mktemp("calibration") / "calibration.json"
-    write_calibration(file, [frames_solved])
+    file.write_text(json_text(RigCalibration(recordings=(frames_solved,))))
     return read_rig_calibration(file)
 
 
@@ -135,7 +130,7 @@ def crops(made, tmp_path):
 
 
 def error(solved, recording):
-    return compare(solved.pose.pose(), read_truth(recording), recording.camera, solved.x_m)
+    return compare(solved.pose.on(recording.camera), read_truth(recording), solved.x_m)
 
 
 def test_frames_give_the_rig(recording, frames_solved):
@@ -151,7 +146,7 @@ def test_events_alone_give_it_too(recording):
     """Promise: markers are found in images of the high-pass filter, and the rig to 0.2 px (here a
     marker has only 15 px)."""
     found = detect(recording, "hf", images=10)
-    solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
+    solved = solve_recording(recording, found, (LATENCY, CORNER_BIAS), 2.0)
     assert error(solved, recording).image_px < 0.2
     assert 0 < solved.latency_ms < 1e3 / (math.pi * CUTOFF_HZ)  # the filter itself is early
 
@@ -159,26 +154,26 @@ def test_events_alone_give_it_too(recording):
 def test_integrated_events_measure_the_cutoff(recording):
     """Promise: the latency of images by event integration is 2 / (2 pi f), to 10 %."""
     found = detect(recording, "ei", images=10)
-    solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
+    solved = solve_recording(recording, found, (LATENCY, CORNER_BIAS), 2.0)
     assert solved.latency_ms == pytest.approx(1e3 / (math.pi * CUTOFF_HZ), rel=0.1)
 
 
 def test_images_of_events_begin_with_their_first_frame(recording):
     """Promise: where the first frame comes late, as many markers are found, at times after it:
     before it, its corners would be those of another time."""
-    late = open_rig_recording(recording.folder)
+    late = RigRecording(recording.folder)
     vars(late)["frames"] = recording.frames[4:]
     found = detect(late, "ei", images=4)
     assert len(np.unique(found.t_us)) == 4
     assert found.t_us.min() > late.frames[0].t_us
-    vars(late)["frames"] = [replace(recording.frames[-1], t_start_us=10**9, t_end_us=10**9)]
+    vars(late)["frames"] = [recording.frames[-1]._replace(start_us=10**9, end_us=10**9)]
     with pytest.raises(RigError, match="no motion from 1000000000"):
         detect(late, "ei", images=4)
 
 
 def test_frames_outside_the_readings_of_the_slider_are_left_out(recording):
     """Promise: no marker has a time at which the slider's position is unknown."""
-    short = open_rig_recording(recording.folder)
+    short = RigRecording(recording.folder)
     inside = recording.slider.t_us > recording.frames[4].t_us
     vars(short)["slider"] = Slider(recording.slider.t_us[inside], recording.slider.x_m[inside])
     found = detect(short, "frame", images=10)
@@ -199,9 +194,9 @@ def test_blur_makes_the_latency_that_of_the_photoreceptor(folder, tmp_path):
         width=200, height=150, cutoff_hz=cutoff_hz, dark_level=1e-3 * light.white_level
     )
     simulate_sequence(light, model, copied / "events.h5")
-    slow = open_rig_recording(copied)
+    slow = RigRecording(copied)
     delay_ms = 1e3 / (math.pi * cutoff_hz)
-    unknowns = Unknowns(latency=True, corner_bias=True)
+    unknowns = (LATENCY, CORNER_BIAS)
     sharp, blurred = (
         solve_recording(slow, detect(slow, "ei", images=10, blur_px=px), unknowns, 2.0).latency_ms
         for px in (0.0, 1.5)
@@ -213,7 +208,7 @@ def test_blur_makes_the_latency_that_of_the_photoreceptor(folder, tmp_path):
 def test_blurred_frames_give_the_rig_too(recording):
     """Promise: a blur of half a pixel leaves image truth from frames at three hundredths."""
     found = detect(recording, "frame", images=10, blur_px=0.5)
-    solved = solve_recording(recording, found, Unknowns(corner_bias=True), 2.0)
+    solved = solve_recording(recording, found, (CORNER_BIAS,), 2.0)
     assert error(solved, recording).image_px < 0.03
 
 
@@ -221,10 +216,10 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     """Promise: without truth.json the calibration is the same, to the bit."""
     copied = tmp_path / "near"
     shutil.copytree(folder, copied, ignore=shutil.ignore_patterns("light", "scene", "truth.json"))
-    real = open_rig_recording(copied)
+    real = RigRecording(copied)
     assert read_truth(real) is None
     found = detect(real, "frame", images=10)
-    solved = solve_recording(real, found, Unknowns(corner_bias=True), 2.0)
+    solved = solve_recording(real, found, (CORNER_BIAS,), 2.0)
     assert solved.pose == frames_solved.pose
     assert solved.covariance == frames_solved.covariance
 
@@ -253,15 +248,15 @@ def test_a_recording_is_a_folder_of_frames_too(folder, recording, tmp_path):
     """Promise: `--frames` of other commands reads the table of a rig's recording; the rig also
     reads tables that leave out the folder of the images."""
     frames = open_frames(folder)
-    assert list(frames.files) == [one.file for one in recording.frames]
+    assert list(frames.files) == [folder / one.file for one in recording.frames]
     bare = tmp_path / "bare"
     shutil.copytree(folder, bare)
     table = bare / "frames.csv"
     table.write_text(table.read_text().replace("frames/", ""))
-    assert [one.file.name for one in open_rig_recording(bare).frames] == [
-        one.file.name for one in recording.frames
-    ]
-    assert all(one.file.exists() for one in open_rig_recording(bare).frames)
+    again = RigRecording(bare)
+    assert [f"frames/{one.file}" for one in again.frames] == [one.file for one in recording.frames]
+    for one, other in zip(again.frames, recording.frames, strict=True):
+        assert np.array_equal(again.codes(one), recording.codes(other))
 
 
 def test_a_calibration_is_of_its_camera(recording, frames_solved):
@@ -296,7 +291,7 @@ def test_crops_and_scores(folder, recording, frames_solved, calibration, made):
     assert np.allclose(table[:, 0], 1e6 * t_s)
     for k in (0, len(t_s) // 3, len(t_s) - 1):
         point = np.array([0.07, 0.05, 0.0])
-        by_pose = cropped.camera().project((point - poses[k][:3, 3]) @ poses[k][:3, :3])
+        by_pose = cropped.view().camera.project((point - poses[k][:3, 3]) @ poses[k][:3, :3])
         h = table[k, 1:].reshape(3, 3) @ [0.07, 0.05, 1.0]
         assert by_pose == pytest.approx(h[:2] / h[2], abs=1e-6)
     settings = RigEvaluation(
@@ -330,7 +325,7 @@ def test_a_wrong_crop_is_refused(field, value, said, tmp_path):
         **{"pose": {**pose, "scale": 1.0}, "latency_ms": 0.0},
     }
     (tmp_path / "crop.json").write_text(json.dumps(stored))
-    assert read_crop(tmp_path).camera().width == 8
+    assert read_crop(tmp_path).view().camera.width == 8
     stored[field] = {**stored[field], **value} if field == "pose" else value
     (tmp_path / "crop.json").write_text(json.dumps(stored))
     with pytest.raises(RigError, match=rf"crop\.json: .*{said}"):
@@ -345,12 +340,12 @@ def test_the_light_of_a_crop_is_in_steps_of_half_a_pixel(crops, lens):
     facts = json.loads((out / "crop.json").read_text())
     (out / "crop.json").write_text(json.dumps(facts | {"lens": lens}))
     cropped, footage = read_crop(out), light_of_crop(out)
-    camera, pose = cropped.camera(), cropped.pose.pose()
+    pose = cropped.view()
     x_m = read_slider(out / "slider.csv").position_m(footage.t_offset_us + 1e6 * footage.t_s)
     steps_px = []
     for k in np.linspace(0, len(x_m) - 2, 20).astype(int).tolist():
-        at_m = on_page(pose, camera, camera.grid(5), float(x_m[k]))
-        ends_px = pose.project(camera, at_m, x_m[k : k + 2])
+        at_m = pose.on_page(pose.camera.grid(5), float(x_m[k]))
+        ends_px = pose.project(at_m, x_m[k : k + 2])
         steps_px.append(np.linalg.norm(ends_px[1] - ends_px[0], axis=1).max())
     assert max(steps_px) < 0.51
     assert min(steps_px) > 0.45
@@ -363,7 +358,7 @@ def test_a_crop_needs_events_while_the_slider_is_read(crops):
     first_us = load_events(out / "events.h5").t_us[0]
     for until_us in (40.0, -300.0):
         readings = Slider(first_us + np.array([-500.0, until_us]), np.array([0.0, 0.01]))
-        write_slider(out / "slider.csv", readings)
+        (out / "slider.csv").write_text(slider_text(readings))
         with pytest.raises(RigError, match=r"near: the events .* do not overlap"):
             light_of_crop(out)
 
@@ -396,7 +391,7 @@ def test_every_distance_has_the_same_places_and_corners(crops):
     shutil.copytree(made, far)
     near = read_crop(made)
     readings = read_slider(far / "slider.csv")  # the far one's begin at 1 cm
-    write_slider(far / "slider.csv", Slider(readings.t_us, readings.x_m + 0.01))
+    (far / "slider.csv").write_text(slider_text(Slider(readings.t_us, readings.x_m + 0.01)))
     back_m = np.array([0.0, 0.0, 0.1]) + 0.01 * np.array(near.pose.direction)
     pose = replace(near.pose, origin_m=(np.array(near.pose.origin_m) - back_m).tolist())
     size = {"width": near.width // 2, "height": near.height // 2}
@@ -408,20 +403,19 @@ def test_every_distance_has_the_same_places_and_corners(crops):
     cropped = {folder: read_crop(folder) for folder in (far, made)}
     settings = RigEvaluation()
     (printed,) = prints_of(cropped, 3, settings.travel_m).values()
-    assert printed.nearest == near
+    assert printed.nearest.pose.camera.width == near.width
     points = {}
     for folder in cropped:
         one = _load(folder, cropped[folder], printed, settings)
-        found = _windows(one, settings.travel_m)
+        found = one.windows
         assert {(w.place, w.visit) for w in found} == {(k, v) for k in range(3) for v in (0, 1)}
-        pose, camera = one.cropped.pose.pose(), one.cropped.camera()
-        middle_px = 0.5 * np.array([[camera.width, camera.height]])
+        pose, middle_px = one.way.pose, 0.5 * np.array([one.size])
         along = np.array(near.pose.direction[:2]) / np.linalg.norm(near.pose.direction[:2])
         for window in found:
-            at_m = on_page(pose, camera, middle_px, np.mean(window.x_m))[0] @ along
+            at_m = pose.on_page(middle_px, np.mean(window.x_m))[0] @ along
             assert at_m == pytest.approx(printed.places_m[window.place], abs=1e-5)
-            numbers, centers_px, _ = CropSource(one, [window]).corners(12)
-            seen_m = on_page(pose, camera, centers_px, window.x_m[0])
+            numbers, centers_px, _ = replace(one, windows=[window]).corners(12)
+            seen_m = pose.on_page(centers_px, window.x_m[0])
             assert len(numbers) > 3
             for number, at_m in zip(numbers.tolist(), seen_m, strict=True):
                 points.setdefault((window.place, number), []).append(at_m)
@@ -434,15 +428,20 @@ def test_every_distance_has_the_same_places_and_corners(crops):
     for task in ("flow", "tracking"):
         tasks = {task: settings.tasks()[task]}
         first, second = (
-            [row.value for window in windows for row in rows_of(one, [window], tasks)]
+            [
+                row.value
+                for window in windows
+                for row in rows_of(replace(one, windows=[window]), tasks)
+            ]
             for windows in (found, late)
         )
         assert first == second != []
     # Where the encoder counts 2 mm as 1 mm, speeds and travels are still those of the carriage.
     crop_near = _load(made, near, printed, settings)
-    scaled = replace(crop_near, cropped=replace(near, pose=replace(near.pose, scale=2.0)))
+    way = crop_near.way
+    scaled = replace(crop_near, way=replace(way, pose=replace(way.pose, scale=2.0)))
     window = Window(0, 0, 0, 10_000, (0.0, 0.002))
-    one, two = (CropSource(crop, [window]) for crop in (crop_near, scaled))
+    one, two = (replace(crop, windows=[window]) for crop in (crop_near, scaled))
     score = Score("m", 0.0)
     assert (one.columns(score)["speed"], two.columns(score)["speed"]) == (0.2, 0.4)
 
@@ -455,9 +454,8 @@ def test_recordings_of_one_picture_are_of_one_print(crops, tmp_path):
         evaluate_rig([crops], RigEvaluation(places=9))
     (printed,) = prints_of({made: read_crop(made)}, 2, 0.006).values()
     off_m = replace(printed, places_m=printed.places_m + 1.0)  # never passed
-    nowhere = _load(made, read_crop(made), off_m, RigEvaluation())
     with pytest.raises(RigError, match=r"events.h5: .* 2 places .* 6 mm"):
-        _windows(nowhere, 0.006)
+        _load(made, read_crop(made), off_m, RigEvaluation())
     with pytest.raises(RigError, match=r"0 windows of 40 mm"):
         evaluate_rig([crops], RigEvaluation(travel_m=0.04))
     shutil.copytree(made, tmp_path / "others" / "near")
@@ -480,7 +478,7 @@ def test_recordings_of_one_picture_are_of_one_print(crops, tmp_path):
     link.symlink_to(crops)
     assert evaluate_rig([crops, link], settings) == once != []
     still = Slider(np.array([0.0, 1e9]), np.array([0.01, 0.01]))
-    write_slider(made / "slider.csv", still)
+    (made / "slider.csv").write_text(slider_text(still))
     with pytest.raises(RigError, match=r"slider.csv: slider: the carriage stays at 0.01 m"):
         evaluate_rig([crops], RigEvaluation())
 
@@ -695,29 +693,31 @@ def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
 def rolled(near, roll_deg):
     """Return the pose of a camera 0.1 m farther away, rolled around its axis."""
     roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
-    return type(near)(near.R_world_cam @ roll, near.origin_m - [0, 0, 0.1], near.direction)
+    return RigPose(
+        near.camera, near.R_world_cam @ roll, near.origin_m - [0, 0, 0.1], near.direction
+    )
 
 
 @pytest.mark.parametrize("roll_deg", [-135, -45, 90])
 def test_cameras_on_their_sides_are_refused(recording, frames_solved, roll_deg):
     """Promise: widths of crops are sides of the same field; the text says how far it is rolled."""
-    near = frames_solved.pose.pose()
-    cameras, poses = [recording.camera] * 2, [near, rolled(near, roll_deg)]
+    near = frames_solved.pose.on(recording.camera)
+    poses = [near, rolled(near, roll_deg)]
     with pytest.raises(RigError, match=f"rolled by {roll_deg} degrees"):
-        common_boxes(cameras, poses, frames_solved.x_m)
+        common_boxes(poses, frames_solved.x_m)
 
 
 @pytest.mark.parametrize("roll_deg", [0, 180])
 def test_common_field_of_two_distances(recording, frames_solved, roll_deg):
     """Promise: the far camera's box shows no more of the page than the near camera's, and at most
     two pixels less on each side, also if it is mounted upside down."""
-    near = frames_solved.pose.pose()
+    near = frames_solved.pose.on(recording.camera)
     far = rolled(near, roll_deg)
     camera = recording.camera
-    boxes = common_boxes([camera, camera], [near, far], frames_solved.x_m)
+    boxes = common_boxes([near, far], frames_solved.x_m)
     for x in frames_solved.x_m:
         inner, outer = (
-            np.linalg.inv(homography(camera, pose, x)) @ np.c_[box.corners(), np.ones(4)].T
+            np.linalg.inv(homography(pose, x)) @ np.c_[box.sides()[:, 0], np.ones(4)].T
             for pose, box in zip((far, near), reversed(boxes), strict=True)
         )
         (low, high), (left, right) = (
@@ -735,11 +735,11 @@ def test_a_lens_that_bends_the_sides_does_not_widen_the_field(k1):
     """Promise: at all positions, the box of the far camera shows nothing that is outside that of
     the near one, and leaves out less than two pixels on a side: a lens bends its sides outward."""
     camera = Camera(200, 150, fx=260.0, cx=104.0, cy=71.0, distortion=Distortion(k1))
-    near = RigPose(np.eye(3), np.array([0.07, 0.06, -0.14]), np.array([1.0, 0.0, 0.0]))
+    near = RigPose(camera, np.eye(3), np.array([0.07, 0.06, -0.14]), np.array([1.0, 0.0, 0.0]))
     far = rolled(near, 0)
     x_m = 0.0, 0.03
-    inner, outer = common_boxes([camera, camera], [near, far], x_m)
-    seen = [near.project(camera, on_page(far, camera, outer.sides(), x), x) for x in x_m]
+    inner, outer = common_boxes([near, far], x_m)
+    seen = [near.project(far.on_page(outer.sides(), x), x) for x in x_m]
     low, high = np.min(seen, axis=(0, 1, 2)), np.max(seen, axis=(0, 1, 2))
     for found in (low - (inner.left, inner.top), (inner.right, inner.bottom) - high):
         assert np.all((found > -0.01) & (found < 2 * 0.24 / 0.14)), found
@@ -805,29 +805,29 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     moved = [f"{int(line.split(',')[0]) + 10**7},{line.split(',')[1]}" for line in table[1:]]
     (late / "slider.csv").write_text("\n".join([table[0], *moved]) + "\n")
     with pytest.raises(RigError, match="check the clocks"):
-        detect(open_rig_recording(late), "hf", images=4)
+        detect(RigRecording(late), "hf", images=4)
 
     unexposed = copy("unexposed")
     text = (unexposed / "frames.csv").read_text().replace("t_us_start,t_us_end", "t_us,other")
     (unexposed / "frames.csv").write_text(text)
     with pytest.raises(TaskError, match="each frame needs the start and the end"):
-        detect(open_rig_recording(unexposed), "frame", images=4)
+        detect(RigRecording(unexposed), "frame", images=4)
 
     another = copy("another")
     (another / "rig.toml").write_text(RIG.replace("width = 200", "width = 220"))
-    with pytest.raises(RigError, match=r"events.h5: .*200x150 px, .*220x150"):
-        detect(open_rig_recording(another), "hf", images=4)
+    with pytest.raises(RigError, match=r"events.h5, camera of rig.toml: .*200x150 px, .*220x150"):
+        detect(RigRecording(another), "hf", images=4)
     with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
-        detect(open_rig_recording(another), "frame", images=4)
+        detect(RigRecording(another), "frame", images=4)
 
     loud = copy("loud")
     (loud / "events.h5").rename(loud / "events.H5")
-    assert open_rig_recording(loud).events_file.name == "events.H5"
+    assert RigRecording(loud).events_file.name == "events.H5"
 
     eventless = copy("eventless")
     (eventless / "events.h5").unlink()
     with pytest.raises(RigError, match=r"expected one file events\.\*, found none"):
-        detect(open_rig_recording(eventless), "hf", images=4)
+        detect(RigRecording(eventless), "hf", images=4)
 
     blind = copy("blind")
     empty = load_events(blind / "events.h5")
@@ -835,10 +835,10 @@ def test_bad_recordings_are_refused(folder, tmp_path):
     (blind / "events.h5").unlink()
     write_events(blind / "events.h5", kept)
     with pytest.raises(RigError, match=r"blind: none of 4 images .* marker"):
-        detect(open_rig_recording(blind), "hf", images=4)
+        detect(RigRecording(blind), "hf", images=4)
 
     with pytest.raises(RigError, match=r"rig.toml: no such file"):
-        open_rig_recording(Path(tmp_path / "nowhere"))
+        RigRecording(Path(tmp_path / "nowhere"))
 
 
 def test_recordings_that_cannot_be_scored_are_refused(recording, crops):
@@ -868,12 +868,12 @@ def test_recordings_that_cannot_be_scored_are_refused(recording, crops):
     columns = (found.t_us, found.number, found.corners_px, found.score)
     there = Detections(*(column[one_way] for column in columns), found.source)
     with pytest.raises(RigError, match=r"near: .*on the way there and 0 on the way back"):
-        solve_recording(recording, there, Unknowns(latency=True), 2.0)
+        solve_recording(recording, there, (LATENCY,), 2.0)
 
 
 def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_solved, tmp_path):
     file = tmp_path / "calibration.json"
-    write_calibration(file, [frames_solved])
+    file.write_text(json_text(RigCalibration(recordings=(frames_solved,))))
     text = file.read_text().replace('"width": 200', '"width": 346')
     file.write_text(text)
     with pytest.raises(RigError, match=r"calibration: .*width = 346,.* 200;"):
