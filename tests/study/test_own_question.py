@@ -33,8 +33,8 @@ from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
 from tasks.study.run import run_study
+from tasks.study.run.highlights import scaling_files
 from tasks.study.run.jobs import jobs_of
-from tasks.study.run.scaling import scaling_files
 from tasks.study.settings import to_json
 from tasks.study.study_file import read_study
 

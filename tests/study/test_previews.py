@@ -19,16 +19,17 @@ from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId, sensor_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights
-from tasks.study.run.jobs import QueuedJob
-from tasks.study.run.pictures import (
+from tasks.study.run.highlights import (
     BRIGHTER,
     DARKER,
     MAX_FILM_BYTES,
     NONE,
+    Film,
     central_area,
     film_strip,
+    preview_files,
 )
-from tasks.study.run.previews import Film, preview_files
+from tasks.study.run.jobs import QueuedJob
 
 END_US = 5_000_000
 

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from distributed import LocalCluster
@@ -44,8 +45,7 @@ from tasks.study.config import (
     with_method,
 )
 from tasks.study.run import cluster as cluster_module
-from tasks.study.run import local as local_module
-from tasks.study.run import run_study
+from tasks.study.run import run_study, scheduler
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.estimate import JobEstimate, estimate_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
@@ -241,7 +241,7 @@ def test_progress_never_goes_back(stages_s) -> None:
 
     for one in jobs:
         seen.append(before_s)
-        on_job = local_module._within(seen_at, one, before_s, total_s)
+        on_job = scheduler._within(seen_at, one, before_s, total_s)
         for stage in ("simulating", "scoring", "scoring"):
             on_job(stage, 75, 75)
         before_s += one.core_s
@@ -257,7 +257,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
     """Promise: progress counts each job with its estimated time, so that the time left follows the
     machine, and of a job that has begun its parts, or half of it on workers once a job is done; it
     is complete at the end."""
-    for module in (cluster_module, local_module):
+    for module in (cluster_module, scheduler):
         monkeypatch.setattr(module, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
     estimates = [estimate_job(queued.job) for queued in jobs]
@@ -312,7 +312,7 @@ def test_weights_that_change_meanwhile_end_the_study(
         file.write_bytes(b"of another training")
         return ComputedJob([], None, {}, {})
 
-    for module in (cluster_module, local_module):
+    for module in (cluster_module, scheduler):
         monkeypatch.setattr(module, "compute_job", computed)
     run_module = sys.modules["tasks.study.run.run_study"]
     for module in (cluster_module, run_module):  # the weights are not those of a network
@@ -387,7 +387,10 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
             patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
             assert refusal(study) == f"has versions {here}, expected {other}"
     with monkeypatch.context() as patch:
-        patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
+        other = SimpleNamespace(
+            dumps=lambda one: pickle.dumps(replace(one, key="other")), loads=pickle.loads
+        )
+        patch.setattr(cluster_module, "pickle", other)
         assert refusal(study).startswith("your own method or weights are not")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")

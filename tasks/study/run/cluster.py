@@ -6,7 +6,6 @@ import pickle
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from importlib.metadata import version
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.scene.settings import TumPath
 from sensor.errors import EventError, SensorError
-from tasks import DISTRIBUTION
 from tasks.cluster import outcome
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.settings import check_methods
@@ -37,14 +35,10 @@ class Cluster:
     def __init__(self, client: Client) -> None:
         self._client = client
 
-    def worker_count(self) -> int:
-        """Return the number of workers now; they may come and go."""
-        return len(self._client.scheduler_info(n_workers=-1)["workers"])
-
     @property
     def cores(self) -> int:
-        """Number of workers now, at least 1."""
-        return max(1, self.worker_count())
+        """Number of workers now; they may come and go."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def environment(self) -> dict[str, str]:
         """Return no machine, as workers come and go."""
@@ -59,32 +53,31 @@ class Cluster:
         lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}
         # The longest first, so that none is last; idle workers take what arrives.
         in_order = sorted(jobs, key=lambda queued: lengths_s[queued.key], reverse=True)
-        queued_of = {self._submit(queued, lengths_s[queued.key]): queued for queued in in_order}
+        queued_of: dict[Future, QueuedJob] = {}
+        for queued in in_order:
+            future = self._client.submit(
+                *(_entry(), pickle.dumps(queued), _versions()),
+                key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
+                priority=lengths_s[queued.key],
+                retries=_RETRIES,
+            )
+            queued_of[future] = queued
         done_s, shown_s, total_s = 0.0, 0.0, sum(lengths_s.values())
-        on_progress(f"workers: {self.worker_count()}", done_s, total_s)
+        on_progress(f"workers: {self.cores}", done_s, total_s)
         for future in as_completed(queued_of, loop=self._client.loop):
             queued = queued_of.pop(future)
             yield queued, _result(future, queued.job)
             future.release()
             done_s += lengths_s[queued.key]
-            workers = self.worker_count()
+            workers = self.cores
             begun = islice(queued_of.values(), workers)  # half done, as far as is known here
             begun_s = sum(lengths_s[other.key] for other in begun)
             shown_s = max(shown_s, done_s + begun_s / 2)  # not less if workers leave
             on_progress(f"workers: {workers}", shown_s, total_s)
 
-    def _submit(self, queued: QueuedJob, length_s: float) -> Future:
-        order = _entry(), _order(queued), _versions()
-        key = f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}"
-        return self._client.submit(*order, key=key, priority=length_s, retries=_RETRIES)
-
-
-def _order(queued: QueuedJob) -> bytes:
-    return pickle.dumps(queued)
-
 
 def _versions() -> dict[str, Any]:
-    return {"eres": version(DISTRIBUTION), **STAGE_VERSIONS, **versions()}
+    return {**STAGE_VERSIONS, **versions()}
 
 
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:

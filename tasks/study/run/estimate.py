@@ -57,30 +57,8 @@ class JobEstimate:
         return self.frames_s + self.samples_s
 
 
-@dataclass(frozen=True, slots=True)
-class WorkEstimate:
-    """Estimated work of jobs."""
-
-    jobs: int
-    frames: int
-    frame_bytes: float
-    seconds: float
-    pace: float | None
-
-    def text(self) -> str:
-        """Return the estimate as one line of text."""
-        hours, minutes = divmod(round(self.seconds / 60), 60)
-        time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
-        size = min(self.frame_bytes, limit_bytes())
-        whose = "a fast server's pace" if self.pace is None else "this machine's pace"
-        return (
-            f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{size / 1e9:.2g} GB on disk, {time} at {whose}"
-        )
-
-
-def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) -> WorkEstimate:
-    """Estimate the work of jobs; frames in the cache count as if they were missing.
+def work_text(jobs: Sequence[Job], cores: int, pace: float | None = None) -> str:
+    """Estimate the work of jobs, in a line; frames in the cache count as if they were missing.
 
     Parameters
     ----------
@@ -88,9 +66,15 @@ def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) ->
         Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
     """
     each = [estimate_job(job) for job in jobs]
-    frames, size = sum(job.frames for job in each), sum(job.frame_bytes for job in each)
     seconds = sum(job.core_s for job in each) / cores * (1.0 if pace is None else pace)
-    return WorkEstimate(len(jobs), frames, size, seconds, pace)
+    hours, minutes = divmod(round(seconds / 60), 60)
+    time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
+    size = min(sum(job.frame_bytes for job in each), limit_bytes())
+    whose = "a fast server's pace" if pace is None else "this machine's pace"
+    return (
+        f"{len(each)} job{'s' * (len(each) != 1)} to do: about {sum(job.frames for job in each)} "
+        f"frames, {size / 1e9:.2g} GB on disk, {time} at {whose}"
+    )
 
 
 def estimate_job(job: Job) -> JobEstimate:

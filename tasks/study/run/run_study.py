@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
-from tasks.study.run.estimate import estimate_job, estimate_work
+from tasks.study.run.estimate import estimate_job, work_text
 from tasks.study.run.jobs import (
     QueuedJob,
     check_weights,
@@ -104,17 +103,17 @@ def run_study(
         here = computing.environment()
         folder.check(here)
         jobs = [queued.job for queued in to_do]
-        _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
+        _log.info("%s", work_text(jobs, max(1, computing.cores), pace_of(here)))
         if new := trials(study, jobs, [work[key] for key in folder.finished]):
             # A mistake in the user's own methods shows at once, not hours later.
             _log.info("trying your own methods on one sample first")
             trying = [QueuedJob(job, job.key, False) for job in new]
-            for _ in computing.compute(trying, _Counted(on_progress, len(new))):
+            for _ in computing.compute(trying, _counted(on_progress, [], len(new))):
                 pass  # the study does not keep these scores
         lacking = {queued.key for queued in to_do}
-        finished = [job for key, job in work.items() if key not in lacking]
-        finished_s = sum(estimate_job(job).core_s for job in finished)
-        counted = _Counted(on_progress, len(work), len(finished), finished_s)
+        done = [key for key in work if key not in lacking]
+        before_s = sum(estimate_job(work[key]).core_s for key in done)
+        counted = _counted(on_progress, done, len(work), before_s)
         try:
             with locked(out / ".lock", wait=False):
                 clear_unfinished(out)
@@ -122,7 +121,7 @@ def run_study(
                 for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
-                    counted.done += 1
+                    done.append(queued.key)
                     if nth and here:  # the first one compiles; workers may share their cores
                         add_job(here, estimate_job(queued.job), computed.timings)
         except LockedError:
@@ -155,25 +154,20 @@ def _scenes(study: Study) -> list[Scene]:
     return scenes
 
 
-@dataclass(slots=True)
-class _Counted:
-    """Progress among all jobs of a run, of which earlier starts finished some.
+def _counted(
+    on_progress: Progress, done: Sequence[str], total: int, before_s: float = 0.0
+) -> Progress:
+    """Return what reports the progress of some jobs among all jobs of a run.
 
     Parameters
     ----------
-    on_progress
-        Called with the number of finished jobs before each text.
-    total, done
-        Number of all jobs and of the finished ones.
+    done, total
+        Keys of the finished jobs, to which a run adds, and number of all jobs.
     before_s
         Estimated core seconds of the jobs that earlier starts finished.
     """
 
-    on_progress: Progress
-    total: int
-    done: int = 0
-    before_s: float = 0.0
+    def on_jobs(stage: str, done_s: float, of_s: float, /) -> None:
+        on_progress(f"{len(done)}/{total} jobs: {stage}", before_s + done_s, before_s + of_s)
 
-    def __call__(self, stage: str, done: float, total: float, /) -> None:
-        text = f"{self.done}/{self.total} jobs: {stage}"
-        self.on_progress(text, self.before_s + done, self.before_s + total)
+    return on_jobs
