@@ -554,7 +554,7 @@ def test_two_sensors_of_one_width_are_apart_everywhere(run) -> None:
         assert choice is not None
         assert [*choice.event_rates_hz] == sensors
         assert len({*choice.event_rates_hz.values()}) == 5
-    (drawn,) = tradeoff_plots(finished.scores, series, finished.bus_hz).values()
+    (drawn,) = tradeoff_plots(finished, series).values()
     (intervals,) = (interval_plot(one) for one in finished.scaling.values())
     for shown in (drawn, intervals):
         assert [key.name for key in shown.keys] == labels

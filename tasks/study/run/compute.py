@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
+from eres_render import GroundTruth, RadianceSequence, clip_in_progress, ground_truth
 from eres_render.progress import Progress
 from eres_render.rendering.backend import release_render_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
@@ -91,16 +91,7 @@ class _SceneLight:
     """A scene's renderer and ground truth, which load slowly."""
 
     def __init__(self, job: Job, on_progress: Progress) -> None:
-        render = job.render
-        camera = job.scene.camera(render.resolution, render.height)
-        self.renderer = Renderer(
-            job.scene,
-            render.resolution,
-            render.spp,
-            render.seed,
-            on_progress=on_progress,
-            camera=camera,
-        )
+        self.renderer = job.renderer(on_progress)
         self._truth: GroundTruth | None = None
 
     def key(self, job: Job) -> str:

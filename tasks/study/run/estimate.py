@@ -111,8 +111,7 @@ def _frames(job: Job) -> int:
     if plane is None:
         motion_px = (end_s - start_s) * _IMAGE_MOTION_PX_S * job.render.resolution / 1280
     else:
-        camera = job.scene.camera(job.render.resolution, job.render.height)
-        moved = plane_image_motion(job.scene.trajectory(camera), camera, plane)
+        moved = plane_image_motion(job.scene.trajectory(job.camera), job.camera, plane)
         times_s = np.linspace(start_s, end_s, _PARTS + 1).tolist()
         motion_px = sum(moved(start, end) for start, end in pairwise(times_s))
     return 2 + round(motion_px / job.render.max_displacement_px)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,12 @@ from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
 from tasks.study.run.estimate import estimate_job, work_text
 from tasks.study.run.jobs import (
+    Job,
     QueuedJob,
     check_weights,
     distance_m_of,
     jobs_of,
     methods_of,
-    scale_of,
     trials,
     weight_digests,
 )
@@ -88,12 +88,11 @@ def run_study(
         sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
         speeds = study.simulate.speeds_m_s or study.simulate.speeds
         check_methods(study.evaluate, sizes * len(speeds))
-        scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
-        work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
+        work = {job.key: job for scene in _scenes(study) for job in jobs_of(study, scene)}
         rules.check_compares(methods_of(work.values()))
         folder = RunFolder(out, work, mix=mix)
-        resolved = _resolved(study, scenes, work)
+        resolved = _resolved(study, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
             _log.info("speeds in m/s apply at each scene's distance: %s", distances_label(own_m))
         to_do = folder.to_do()
@@ -129,17 +128,16 @@ def run_study(
     return folder.finish(resolved)
 
 
-def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
+def _resolved(study: Study, jobs: Mapping[str, Job]) -> dict[str, Any]:
     """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
     simulate = study.simulate
     speeds, distances = {}, {}
-    for scene in scenes:
-        path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
-        scale = scale_of(simulate, scene, path)
-        speeds[scene.name] = round(scale * path.mean_speed_mps(scene.duration_s), 6)
+    for job in {job.scene.name: job for job in jobs.values()}.values():
+        scene, path = job.scene, job.scene.trajectory(job.camera)
+        speeds[scene.name] = round(job.scale * path.mean_speed_mps(scene.duration_s), 6)
         own_m = distance_m_of(scene, path)
         if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
-            distances[scene.name] = round(scale * own_m, 6)
+            distances[scene.name] = round(job.scale * own_m, 6)
     follows: dict[str, Any] = {"assumes": simulate.assumes, "base_m_per_s": speeds}
     if distances:
         follows["plane_distance_m"] = distances

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from tasks.registry import TASKS
+from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Line, Panel, Plot, sensor_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
@@ -13,23 +12,15 @@ from tasks.study.results.cells import Condition
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores, base_speed
-from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
+from tasks.study.results.words import MISSING, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
 
 
-def compare_thresholds(
-    thresholds: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
-) -> dict[str, Comparison]:
-    """Compare scores of one series, scene by scene.
-
-    Parameters
-    ----------
-    bus_hz
-        Capacity of a bus, events/s.
-    """
-    ascending = sorted(thresholds, key=lambda scores: scores.contrast_threshold)
-    first, metric = thresholds[0], TASKS[series.task].metric
+def compare_thresholds(run: FinishedRun, series: Series) -> dict[str, Comparison]:
+    """Compare scores of one series, scene by scene."""
+    ascending = sorted(run.found, key=lambda scores: scores.contrast_threshold)
+    first, metric = run.scores, TASKS[series.task].metric
     speed, sensors = base_speed(first, series), first.sensors(series)
     heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
     comparisons = {}
@@ -39,7 +30,7 @@ def compare_thresholds(
         blocks: dict[Text, Rows] = {}
         for hz in first.cutoffs_hz(series):
             where = [Condition(scene, s.width, hz, speed, s.name) for s in sensors]
-            points = [[score_point(s, series, at, base) for s in ascending] for at in where]
+            points = [[score_point(run, s, series, at) for s in ascending] for at in where]
             light = cutoff_text(hz)
             panels.append(Panel(*light[:2], [Line([*filter(None, line)]) for line in points]))
             choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
@@ -53,7 +44,7 @@ def compare_thresholds(
         )
         by_threshold = f"by contrast threshold, {scene}"
         comparisons[scene] = (
-            score_plot(f"Scores {by_threshold}", series, sensor_keys(sensors), panels, bus_hz),
+            score_plot(run, f"Scores {by_threshold}", series, sensor_keys(sensors), panels),
             Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
             Table(caption, [Text("sensor"), *heads], blocks),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tasks.registry import TASKS
+from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import cutoff_text
 from tasks.study.results.asked import sensor_of
@@ -12,36 +13,21 @@ from tasks.study.results.cells import Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import (
-    PACKAGED,
-    BaseSpeeds,
-    cutoff_label,
-    rate_label,
-    share_text,
-    speed_label,
-)
+from tasks.study.results.words import cutoff_label, rate_label, share_text, speed_label
 
 
-def tradeoff_plots(
-    scores: Scores, series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
-) -> dict[str, Plot]:
-    """Plot one series: a panel per cutoff, a point per condition that has all samples.
-
-    Parameters
-    ----------
-    bus_hz
-        Capacity of a bus, events/s.
-    """
-    plots = {}
+def tradeoff_plots(run: FinishedRun, series: Series) -> dict[str, Plot]:
+    """Plot one series: a panel per cutoff, a point per condition that has all samples."""
+    scores, plots = run.scores, {}
     for scene in scores.scenes(series):
         keys = sensor_keys(scores.sensors(series, scene), labeled=True)
-        panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
-        plots[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
+        panels = [_panel(run, series, scene, hz) for hz in scores.cutoffs_hz(series)]
+        plots[scene] = score_plot(run, f"{scene}, {series.title}", series, keys, panels)
     return plots
 
 
 def score_plot(
-    title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel], bus_hz: float
+    run: FinishedRun, title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel]
 ) -> Plot:
     """Plot scores of one series against event rates; errors have a logarithmic axis.
 
@@ -49,8 +35,6 @@ def score_plot(
     ----------
     panels
         One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
-    bus_hz
-        Capacity of a bus, events/s.
     """
     metric = TASKS[series.task].metric
     errors = not metric.higher_is_better
@@ -60,19 +44,19 @@ def score_plot(
         *(title, *axes, keys, panels),
         log_y=errors,
         labels_below=errors,  # as errors rise with speed
-        limit=Limit(bus_hz / 1e6, f"bus {bus_hz / 1e6:g} Mev/s"),
+        limit=Limit(run.bus_hz / 1e6, f"bus {run.bus_hz / 1e6:g} Mev/s"),
         deciding=metric.negligible,
     )
 
 
-def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
-    lines, baselines = [], set()
+def _panel(run: FinishedRun, series: Series, scene: str, cutoff_hz: float) -> Panel:
+    scores, lines, baselines = run.scores, [], set()
     for sensor in scores.sensors(series, scene):
         where = [
             Condition(scene, sensor.width, cutoff_hz, speed, sensor.name)
             for speed in scores.speeds(series, scene)
         ]
-        lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
+        lines.append(Line([p for at in where if (p := score_point(run, scores, series, at))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
     as_text = TASKS[series.task].metric.text
@@ -83,18 +67,17 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: B
     return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
 
 
-def score_point(
-    scores: Scores, series: Series, where: Condition, base: BaseSpeeds = PACKAGED
-) -> Point | None:
-    """Make one point."""
+def score_point(run: FinishedRun, scores: Scores, series: Series, where: Condition) -> Point | None:
+    """Make one point of some of the run's scores."""
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
         return None
     metric = TASKS[series.task].metric
     interval = estimate(lambda medians: medians[where], {where: cell})
+    speed = speed_label(where.scene, where.speed, run.base_speeds)
     lines = [
         sensor_of(where).label,
-        f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
+        f"{cutoff_label(where.cutoff_hz)}, {speed}",
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
     ]
