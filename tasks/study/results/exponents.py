@@ -9,7 +9,7 @@ from tasks.study.results.choice import Choice, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import BaseSpeeds, cutoff_label, join_words, speed_label
-from tasks.study.sensors import AREA
+from tasks.study.settings import AREA
 
 _MOST_TOLD = 6  # conditions in which the choices differ
 

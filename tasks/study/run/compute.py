@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from eres_render import GroundTruth, RadianceSequence, clip_in_progress, ground_truth
+from eres_render import GroundTruth, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import Progress
 from eres_render.rendering.backend import release_render_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
@@ -51,13 +51,14 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
     Scores, files for the run's folder, and the environment.
     """
     job = queued.job
-    light = _light_of(job, on_progress)
+    renderer = _renderer_of(job, on_progress)
+    frame_bytes = round(estimate_job(job).frame_bytes)
     with (
-        frames_folder(light.key(job), round(estimate_job(job).frame_bytes)) as folder,
-        clip_in_progress(
-            light.renderer, job.clip, folder, job.render.max_displacement_px
-        ) as sequence,
+        frames_folder(_key_of_frames(job, renderer), frame_bytes) as folder,
+        clip_in_progress(renderer, job.clip, folder, job.render.max_displacement_px) as sequence,
     ):
+        if renderer not in _truths:
+            _truths[renderer] = ground_truth(sequence)
         settings = job.settings(sequence.white_level)
         highlights = Highlights(queued, settings) if queued.with_highlights else None
         push = highlights.push if highlights else None
@@ -66,7 +67,7 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         timings: list[JobTimings] = []
         reference = None  # of the first shape; the others' would fill the memory
         for size, of_shape in _by_shape(settings, job.render).items():
-            part = central_part(sequence, light.truth(sequence), *size)
+            part = central_part(sequence, _truths[renderer], *size)
             result = evaluate(*part, of_shape, job.evaluate, on_progress, push)
             rows += result.rows
             timings.append(result.timings)
@@ -75,7 +76,7 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         whole = replace(whole, resolution=sequence.width, height=sequence.height)
         files = highlights.result(reference, sequence) if highlights and reference else {}
     rows = job.with_every_reading(rows)
-    return ComputedJob(rows, whole, files, environment(light.renderer.variant))
+    return ComputedJob(rows, whole, files, environment(renderer.variant))
 
 
 def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:
@@ -87,44 +88,35 @@ def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, in
     return groups
 
 
-class _SceneLight:
-    """A scene's renderer and ground truth, which load slowly."""
-
-    def __init__(self, job: Job, on_progress: Progress) -> None:
-        self.renderer = job.renderer(on_progress)
-        self._truth: GroundTruth | None = None
-
-    def key(self, job: Job) -> str:
-        """Return the name of the job's frames: a digest of everything that determines them."""
-        return digest(
-            {
-                **job.frames_decided_by,
-                "t_offset_us": self.renderer.trajectory.t_offset_us or None,
-                "white_level": self.renderer.white_level,
-                "integrator": self.renderer.integrator,
-                "variant": self.renderer.variant,
-                "mitsuba": version("mitsuba"),
-            }
-        )
-
-    def truth(self, sequence: RadianceSequence) -> GroundTruth:
-        """Return the ground truth, the same for every sequence of the scene."""
-        self._truth = self._truth or ground_truth(sequence)
-        return self._truth
+def _key_of_frames(job: Job, renderer: Renderer) -> str:
+    """Return the name of a job's frames: a digest of everything that determines them."""
+    return digest(
+        {
+            **job.frames_decided_by,
+            "t_offset_us": renderer.trajectory.t_offset_us or None,
+            "white_level": renderer.white_level,
+            "integrator": renderer.integrator,
+            "variant": renderer.variant,
+            "mitsuba": version("mitsuba"),
+        }
+    )
 
 
-_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come scene by scene
+# What loads slowly, for the last scene, as jobs come scene by scene.
+_renderers: dict[tuple[object, ...], Renderer] = {}
+_truths: dict[Renderer, GroundTruth] = {}
 
 
-def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
+def _renderer_of(job: Job, on_progress: Progress) -> Renderer:
     render = job.render
     scene = job.scene.name, job.scene.digest
     key = *scene, render.resolution, render.height, render.spp, render.seed
-    if key not in _loaded:
-        _loaded.clear()
+    if key not in _renderers:
+        _renderers.clear()
+        _truths.clear()
         gc.collect()  # Mitsuba scenes are in reference cycles
         release_render_memory()
-        _loaded[key] = _SceneLight(job, on_progress)
+        _renderers[key] = job.renderer(on_progress)
         warn_if_far_apart(job.scene.name, render.max_displacement_px)
-        warn_of_noise(_loaded[key].renderer, [job.clip], render.max_displacement_px)
-    return _loaded[key]
+        warn_of_noise(_renderers[key], [job.clip], render.max_displacement_px)
+    return _renderers[key]

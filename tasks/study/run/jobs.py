@@ -21,7 +21,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
-from tasks.study.sensors import own_of
+from tasks.study.settings import own_of
 from tasks.warm_up import needed_s
 
 _log = logging.getLogger(__name__)

@@ -91,12 +91,9 @@ class RunFolder:
 
     def finish(self, study: Mapping[str, Any]) -> list[Row]:
         """Write the rows of all jobs, and what describes them."""
-        files = [self._previews_of(name) for name in self._first]
-        if lists := [
-            read_json(tuple[dict[str, Any], ...], file, ResultError)
-            for file in files
-            if file.exists()
-        ]:
+        files = [file for name in self._first if (file := self._previews_of(name)).exists()]
+        if files:
+            lists = (read_json(tuple[dict[str, Any], ...], file, ResultError) for file in files)
             every = chain.from_iterable(lists)
             pictures = [entry for entry in every if (self._index.parent / entry["file"]).exists()]
             self._write(f"previews/{INDEX_NAME}", pictures)
