@@ -228,11 +228,12 @@ class Simulate:
         """The named cameras, those that borrow their cutoff once for each exponent of the area."""
         every: list[EventCamera] = []
         for camera in self.sensors:
-            if camera.borrows_cutoff and camera.area_um2 is not None and self.area_exponents:
-                names = {power: f"{camera.name} {AREA}{power:g}" for power in self.area_exponents}
-                every += [replace(camera, name=n, area_exponent=p) for p, n in names.items()]
-            else:
-                every.append(camera)
+            borrows = camera.borrows_cutoff and camera.area_um2 is not None
+            every += [
+                replace(camera, name=f"{camera.name} {AREA}{power:g}", area_exponent=power)
+                for power in self.area_exponents or ()
+                if borrows
+            ] or [camera]
         return tuple(every)
 
     def readout(self, camera: EventCamera) -> Readout | None:
@@ -254,9 +255,8 @@ class Simulate:
     @property
     def assumes(self) -> list[str]:
         """In words what the study assumes of its cameras, a line each."""
-        light: dict[str, Any] = {"lux": self.illuminance_lux}
-        if self.illuminance_lux is None:
-            light = {"cutoff_hz": self.cutoffs_hz}
+        lux, cutoffs_hz = self.illuminance_lux, self.cutoffs_hz
+        light: dict[str, Any] = {"cutoff_hz": cutoffs_hz} if lux is None else {"lux": lux}
         lines: dict[str, None] = {}
         for camera in self.all_cameras():
             if not camera.states("bus"):

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from tasks.registry import TASKS
 from tasks.study.results.asked import MetersPerSecond, lux_of
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
+from tasks.study.results.metrics import Series
 
 _CSV_COLUMNS = (
     *("scene", "task", "method", "variant", "metric"),
@@ -37,33 +38,28 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
     for table in tables:
         for block in table.blocks:
             for line in block.lines:
-                series = table.series._replace(method=_method(table, line))
+                idle = TASKS[table.series.task].baseline
+                series = table.series._replace(method=idle) if line.nothing else table.series
                 place = series, block.scene, block.speed, line.sensor, line.contrast_threshold
                 if place in written:
                     continue
                 written.add(place)
                 for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
-                    writer.writerow(_csv_line(table, block, line, cutoff_hz, entry))
+                    writer.writerow(_csv_line(series, block, line, cutoff_hz, entry))
     return file.getvalue()
 
 
-def _method(table: ComparisonTable, line: Line) -> str:
-    return TASKS[table.series.task].baseline if line.nothing else table.series.method
-
-
 def _csv_line(
-    table: ComparisonTable, block: Block, line: Line, cutoff_hz: float, entry: Entry
+    series: Series, block: Block, line: Line, cutoff_hz: float, entry: Entry
 ) -> list[str | int | float]:
-    cell, series, (width, sensor) = entry.cell, table.series, line.sensor or ("", "")
+    cell, (width, sensor) = entry.cell, line.sensor or ("", "")
     rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
     numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
     numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
     numbers.append(cell.effective_samples)
     texts = ["" if number is None else f"{number:.6g}" for number in numbers]
     return [
-        *(block.scene, series.task),
-        _method(table, line),
-        *(series.variant, series.metric),
+        *(block.scene, series.task, series.method, series.variant, series.metric),
         *(width, sensor),
         "" if sensor and lux_of(cutoff_hz) else cutoff_hz,
         lux_of(cutoff_hz) or "",

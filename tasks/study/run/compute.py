@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -18,7 +17,7 @@ from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.timings import JobTimings, of_one_job
 from tasks.provenance import environment
 from tasks.row import Row
-from tasks.study.config import Render, digest
+from tasks.study.config import digest
 from tasks.study.run.estimate import estimate_job
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
@@ -63,10 +62,14 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         highlights = Highlights(queued, settings) if queued.with_highlights else None
         push = highlights.push if highlights else None
         before = replace(sequence.rendered)
+        shapes: dict[tuple[int, int], list[Setting]] = {}  # of the part of a frame that each sees
+        for setting in settings:
+            size = job.render.seen_px(setting.model.width, setting.model.height)
+            shapes.setdefault(size, []).append(setting)
         rows: list[Row] = []
         timings: list[JobTimings] = []
         reference = None  # of the first shape; the others' would fill the memory
-        for size, of_shape in _by_shape(settings, job.render).items():
+        for size, of_shape in shapes.items():
             part = central_part(sequence, _truths[renderer], *size)
             result = evaluate(*part, of_shape, job.evaluate, on_progress, push)
             rows += result.rows
@@ -77,15 +80,6 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
         files = highlights.result(reference, sequence) if highlights and reference else {}
     rows = job.with_every_reading(rows)
     return ComputedJob(rows, whole, files, environment(renderer.variant))
-
-
-def _by_shape(settings: Sequence[Setting], render: Render) -> dict[tuple[int, int], list[Setting]]:
-    """Group sensors by width and height of the part of the frames that they see."""
-    groups: dict[tuple[int, int], list[Setting]] = {}
-    for setting in settings:
-        size = render.seen_px(setting.model.width, setting.model.height)
-        groups.setdefault(size, []).append(setting)
-    return groups
 
 
 def _key_of_frames(job: Job, renderer: Renderer) -> str:

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from io import BytesIO
 from typing import Any
 
@@ -56,7 +56,7 @@ class Highlights:
         kept = [s for s in settings if s in {*pixels.values()}]
         used = {(*_sensor_of(s), s.speed): s for s in reversed(kept)}.values()
         settings = [s for s in kept if s in used]
-        self._films = {s: Film.of(s.model, *size) for s in settings if s.speed == speeds[0]}
+        self._films = {s: Film(s.model, *size) for s in settings if s.speed == speeds[0]}
         self._histograms = {
             s: interval_histogram(s.model, (s.start_us, s.end_us))
             for s in settings
@@ -99,11 +99,15 @@ def _sensor_of(setting: Setting) -> tuple[SensorId, float]:
     return sensor, CutoffInLux(lux) if lux else setting.model.cutoff_hz
 
 
-@dataclass(frozen=True, slots=True)
 class Film:
     """Events of a sensor in the center of the frames.
 
     Parameters
+    ----------
+    frame_height, frame_width
+        Size of the frames, px; sensors of all shapes show the same part, if they see it.
+
+    Attributes
     ----------
     sums : (`FILM_PICTURES`, side, side) int16
         Sums of polarities of the sensor's central pixels.
@@ -111,23 +115,13 @@ class Film:
         Side of the part of a frame that these pixels see, px.
     """
 
-    sums: NDArray[np.int16]
-    part_px: int
-
-    @classmethod
-    def of(cls, sensor: SensorModel, frame_height: int, frame_width: int) -> Film:
-        """Return a film without events.
-
-        Parameters
-        ----------
-        frame_height, frame_width
-            Size of the frames, px; sensors of all shapes show the same part, if they see it.
-        """
+    def __init__(self, sensor: SensorModel, frame_height: int, frame_width: int) -> None:
         sees = crop_to_aspect(frame_height, frame_width, sensor.height, sensor.width)[1]
         scale = sensor.width / (sees.stop - sees.start)
         *_, part = central_area(frame_height, frame_width)
         side = max(2, min(round(part * scale), sensor.height, sensor.width))
-        return cls(np.zeros((FILM_PICTURES, side, side), np.int16), round(side / scale))
+        self.sums = np.zeros((FILM_PICTURES, side, side), np.int16)
+        self.part_px = round(side / scale)
 
     def add(self, events: Events, end_us: int) -> None:
         """Add events.
