@@ -363,13 +363,10 @@ class Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
         size = min((camera.size for camera in self.all_cameras(render)), key=math.prod)
         named = tuple(camera for camera in self.cameras if camera.size == size)[:1]
-        lists = ["cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors", "simulators"]
-        lists += ["illuminance_lux", "speeds_m_s", "frame_steps_px"]
-        firsts: dict[str, Any] = {
-            name: values[:1] for name in lists if (values := getattr(self, name)) is not None
-        }
-        widths = () if named else size[:1]
-        return replace(self, **firsts, widths=widths, sensors=named, area_exponents=None)
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        firsts = {name: value[:1] for name, value in values.items() if isinstance(value, tuple)}
+        firsts |= {"widths": () if named else size[:1], "sensors": named, "area_exponents": None}
+        return replace(self, **firsts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from tasks.registry import TASKS
@@ -36,8 +35,7 @@ class Shown(NamedTuple):
     fineness: str = "0%"
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """The answer for a task in one light at one speed.
 
     Attributes
@@ -95,7 +93,11 @@ def matrix(run: FinishedRun) -> dict[str, object]:
     }
     metrics = dict.fromkeys(TASKS[series.task].metric for series in main)
     tasks = dict.fromkeys(TASKS[series.task].title for series in main)
-    compared = {TASKS[series.task].title for series in main if _has_baseline(scores, series)}
+    compared = {
+        TASKS[series.task].title
+        for series in main
+        if any(scores.baseline(series, at).median is not None for at in scores.conditions(series))
+    }
     return {
         "near": join_words([metric.near for metric in metrics], "or"),
         "compared": [task for task in tasks if task in compared],
@@ -113,12 +115,6 @@ def _rows(scores: Scores, series: Series) -> list[tuple[Text, list[SensorId]]]:
     if not designs:
         return [(Text(capitalized(TASKS[series.task].title), label), [])]
     return [(Text(capitalized(label), name), others) for name, others in designs.items()]
-
-
-def _has_baseline(scores: Scores, series: Series) -> bool:
-    """Return whether doing nothing was scored under any condition of a series."""
-    idle = (scores.baseline(series, where) for where in scores.conditions(series))
-    return any(cell.median is not None for cell in idle)
 
 
 def _answer(
