@@ -88,7 +88,6 @@ PRESETS = {
         simulate=Simulate(simulators=("v2e-A", "v2e"), frame_steps_px=(0.5, 1.0, 2.0)),
         evaluate=Evaluate(
             flow=Flow(
-                methods=("photometric_flow", "contrast_maximization", "initial_flow"),
                 native_patch=True,
                 fast_methods=("contrast_maximization", "initial_flow"),
                 fast_scenes=("carpet",),
@@ -148,7 +147,6 @@ PRESETS = {
             widths=(), sensors=_designs(), illuminance_lux=CHIP_LUX, speeds=(1.0, 2.0)
         ),
         evaluate=Evaluate(
-            flow=Flow(methods=("photometric_flow", "contrast_maximization", "initial_flow")),
             tracking=Tracking(methods=()),
             video=Video(methods=()),
         ),

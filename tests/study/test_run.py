@@ -47,7 +47,7 @@ from tasks.study.config import (
 )
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
-from tasks.study.run import frame_cache, pace, run_study, scheduler
+from tasks.study.run import estimate, frame_cache, run_study, scheduler
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.estimate import estimate_job, work_text
 from tasks.study.run.jobs import jobs_of
@@ -428,7 +428,7 @@ def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monk
     compiles."""
     out, rows = finished
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(pace, "_PRIOR_S", 0.0)
+    monkeypatch.setattr(estimate, "_PRIOR_S", 0.0)
     caplog.set_level(logging.INFO)
     here = environment.environment(select_variant())
     some, begun = read_timings(out / "costs")[0], []
@@ -446,7 +446,7 @@ def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monk
     study = tiny_study(scene_folder)
     run_study(study, tmp_path / "one")
     assert len(begun) > 2
-    assert pace.pace_of(here) == pytest.approx(3)
+    assert estimate.pace_of(here) == pytest.approx(3)
     run_study(with_threshold(study, 0.4), tmp_path / "other")
     first, second = (text for text in caplog.messages if "to do" in text)
     assert first.endswith(" min at a fast server's pace")

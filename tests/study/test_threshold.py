@@ -18,8 +18,7 @@ from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Plot
-from tasks.study.report.sections.threshold import compare_thresholds
-from tasks.study.report.sections.tradeoff import tradeoff_plots
+from tasks.study.report.sections.tradeoff import compare_thresholds, tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series

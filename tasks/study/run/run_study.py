@@ -17,7 +17,7 @@ from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
-from tasks.study.run.estimate import estimate_job, work_text
+from tasks.study.run.estimate import add_job, estimate_job, pace_of, work_text
 from tasks.study.run.jobs import (
     Job,
     QueuedJob,
@@ -28,7 +28,6 @@ from tasks.study.run.jobs import (
     trials,
     weight_digests,
 )
-from tasks.study.run.pace import add_job, pace_of
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import open_scheduler
 

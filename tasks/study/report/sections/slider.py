@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
@@ -31,6 +31,8 @@ from tasks.study.results.words import MISSING
 _WIDTHS = [width for width, _ in FIELD_PX]
 _FACTORS = {speed: round(speed / BASE_SPEED_M_PER_S, 9) for speed in SPEEDS_M_PER_S}
 
+_Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
+
 
 def slider_section(run: FinishedRun) -> dict[str, object] | None:
     """Compare a run on the virtual slider with the paper; None if the run has no such scores.
@@ -44,22 +46,28 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
         initial path, and the error of that path, mm.
     """
     scores = run.scores
-    methods = dict.fromkeys((one.task, one.method) for one in slider_scores())
-    every = [series for method in methods for series in _series(scores, *method)]
-    if not is_of_slider(run.config) or not any(_measured(scores, series) for series in every):
+    pairs = [
+        (series, paper)
+        for task_method, paper in _paper().items()
+        for series in _series(scores, *task_method)
+    ]
+    if not is_of_slider(run.config) or not any(_measured(scores, series) for series, _ in pairs):
         return None
     return {
-        "wins": _wins(scores, every),
-        "tables": {series.title: _table(scores, series) for series in every},
+        "wins": _wins(scores, pairs),
+        "tables": {series.title: _table(scores, series, paper) for series, paper in pairs},
         "worse_than_nothing": worse_than_nothing(SPEEDS_M_PER_S[-1]),
         "nothing_mm": NOTHING_MM,
     }
 
 
-def _paper(series: Series, picture: str, speed_m_per_s: float) -> list[float]:
-    """Return the paper's scores of a method on a print at a speed, from far to near."""
-    at = picture, *series[:2], speed_m_per_s
-    return [one.value for one in slider_scores() if (*one[:3], one.speed_m_per_s) == at]
+def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
+    """Return the paper's scores by task and method, then by print and speed, from far to near."""
+    methods: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
+    for score in slider_scores():
+        of_method = methods.setdefault((score.task, score.method), {})
+        of_method.setdefault((score.picture, score.speed_m_per_s), []).append(score.value)
+    return methods
 
 
 def _series(scores: Scores, task: str, method: str) -> list[Series]:
@@ -77,14 +85,14 @@ def _measured(scores: Scores, series: Series) -> bool:
     return bool(of_slider and at_its_speeds and set(PRINTS) & set(scores.scenes(series)))
 
 
-def _table(scores: Scores, series: Series) -> Table:
+def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     """List all scores of a series, with the paper's and those of doing nothing."""
     metric = TASKS[series.task].metric
     blocks: dict[Text, Rows] = {}
     for scene in PRINTS:
         for speed, factor in _FACTORS.items():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
-            fields = zip(_paper(series, scene, speed), SIZES_PX[scene], strict=True)
+            fields = zip(paper[scene, speed], SIZES_PX[scene], strict=True)
             rows = {Text("paper"): [_paper_text(series, v, width) for v, (width, _) in fields]}
             lights = scores.cutoffs_hz(series)
             for hz in lights:
@@ -109,12 +117,11 @@ def _paper_text(series: Series, value: float, width: int) -> Text:
     return Text(TASKS[series.task].metric.text(value), small, "struck" if worse else "")
 
 
-def _wins(scores: Scores, every: Iterable[Series]) -> Table:
+def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
-    for series in every:
-        printed = [[_paper(series, scene, speed) for scene in PRINTS] for speed in _FACTORS]
-        rows = {Text("paper"): [_share(series, prints) for prints in printed]}
+    for series, paper in pairs:
+        rows = {Text("paper"): [_share(series, [paper[s, v] for s in PRINTS]) for v in _FACTORS]}
         for hz in scores.cutoffs_hz(series):
             rows[Text(light_label(hz))] = []
             for speed in _FACTORS.values():
