@@ -261,8 +261,7 @@ class Simulate:
         for camera in self.all_cameras():
             if not camera.states("bus"):
                 camera = replace(camera, bus_hz=1e6 * (self.bus_mev_s or math.inf))
-            own = "contrast_thresholds" in own_of(camera)
-            thresholds = () if own else self.contrast_thresholds
+            thresholds = () if "contrast_thresholds" in own_of(camera) else self.contrast_thresholds
             if not camera.name:
                 camera = replace(camera, width=None, height=None)
             lines[camera.assumptions(**light, thresholds=thresholds)] = None
@@ -364,9 +363,9 @@ class Simulate:
         size = min((camera.size for camera in self.all_cameras(render)), key=math.prod)
         named = tuple(camera for camera in self.cameras if camera.size == size)[:1]
         values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        firsts = {name: value[:1] for name, value in values.items() if isinstance(value, tuple)}
-        firsts |= {"widths": () if named else size[:1], "sensors": named, "area_exponents": None}
-        return replace(self, **firsts)
+        values = {name: value[:1] for name, value in values.items() if isinstance(value, tuple)}
+        values |= {"widths": () if named else size[:1], "sensors": named, "area_exponents": None}
+        return replace(self, **values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

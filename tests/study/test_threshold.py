@@ -195,9 +195,8 @@ def test_failures_are_told_beside_the_scores() -> None:
 
 def test_errors_that_span_decades_get_a_logarithmic_axis() -> None:
     """Flow from 0.2 to 4 px: ticks at 0.5, 1 and 2 px."""
-    curves, *_ = compare_thresholds(run_with(by_threshold(several(usual_rows(EPF, 3.5)))), EPF)[
-        "carpet"
-    ]
+    run = run_with(by_threshold(several(usual_rows(EPF, 3.5))))
+    curves, *_ = compare_thresholds(run, EPF)["carpet"]
     axis = curves.y
     assert axis.log
     assert {"0.5", "1", "2"} <= {label for _, label in axis.ticks_within(0.2, 4.0)}
