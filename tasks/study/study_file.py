@@ -103,17 +103,30 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     return table
 
 
-def read_camera_of(entry: Any, where: str, folder: Path) -> EventCamera:
+def read_camera_of(entry: Any, where: str, folder: str | Path) -> EventCamera:
     """Read a camera from an entry of `simulate.sensors`.
 
     Parameters
     ----------
     entry
         The name of a camera, a TOML file, or a table with the keys of such a file and `name`.
+    where
+        File and field, for errors.
+    folder
+        Folder that paths of files are relative to.
+
+    Returns
+    -------
+    The camera, with its size for a name if it has none.
+
+    Raises
+    ------
+    StudyError
+        The camera is unknown or lacks a size, or a field is wrong.
     """
     try:
         if isinstance(entry, str):
-            camera = find_camera(folder / entry if entry.endswith(".toml") else entry)
+            camera = find_camera(Path(folder, entry) if entry.endswith(".toml") else entry)
         elif isinstance(entry, dict):
             table = dict(entry)
             name = read_typed(str, table.pop("name", ""), Path(where), StudyError, "name")

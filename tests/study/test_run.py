@@ -492,11 +492,11 @@ def test_cost_is_said_before_the_start(finished, scene_folder, monkeypatch):
         hours, rest = re.search(r"(?:(\d+) h )?(\d+) min", work_text(jobs, cores, pace)).groups()
         return 60 * int(hours or 0) + int(rest)
 
-    once = minutes(work, 2, 1e5)
+    once = minutes(work, 2, 1e6)
     assert once > 100
-    assert minutes([*work, *work], 2, 1e5) == pytest.approx(2 * once, abs=1)
-    assert minutes(work, 1, 1e5) == pytest.approx(2 * once, abs=1)
-    assert minutes(work, 2, 3e5) == pytest.approx(3 * once, abs=2)
+    assert minutes([*work, *work], 2, 1e6) == pytest.approx(2 * once, abs=1)
+    assert minutes(work, 1, 1e6) == pytest.approx(2 * once, abs=1)
+    assert minutes(work, 2, 3e6) == pytest.approx(3 * once, abs=2)
 
 
 def test_report_of_a_real_run(finished, scene_folder):
