@@ -30,7 +30,7 @@ from sensor.model import cutoff_in_light
 from tasks.advice.advise import WINDOW_S
 from tasks.advice.spectrum import MovingImage, texture
 from tasks.row import read_rows
-from tasks.study.sensors import AREA
+from tasks.study.settings import AREA
 
 ROOT = Path(__file__).parents[1]
 WIDTHS = (128, 240, 346, 640, 1280)

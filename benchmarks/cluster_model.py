@@ -16,7 +16,7 @@ from itertools import product
 
 from eres_render import load_scene
 from tasks.study.config import Simulate, preset
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import estimate_job
 from tasks.study.run.jobs import Job, jobs_of
 
 WORKERS = (1, 2, 8, 32, 81, 1000)
@@ -26,12 +26,12 @@ FRAMES_AT_A_TIME = 10
 def render_s(job: Job) -> float:
     """Return the core seconds of a job's frames."""
     blind = replace(job, simulate=replace(job.simulate, widths=()), evaluate={})
-    return estimate_work([blind], cores=1).seconds
+    return estimate_job(blind).core_s
 
 
 def simulate_s(job: Job) -> float:
     """Return the core seconds of a job's sensors."""
-    return estimate_work([replace(job, evaluate={})], cores=1).seconds - render_s(job)
+    return estimate_job(replace(job, evaluate={})).core_s - render_s(job)
 
 
 def single_sensors(sensors: Simulate) -> list[Simulate]:
@@ -63,7 +63,7 @@ def longest_first_s(tasks_s: list[float], workers: int) -> float:
 def main() -> None:
     study = preset("paper")
     work = [job for name in study.scenes for job in jobs_of(study, load_scene(name))]
-    total_s = estimate_work(work, cores=1).seconds
+    total_s = sum(estimate_job(job).core_s for job in work)
 
     kinds: dict[tuple[str, str], list[Job]] = {}
     for job in work:
@@ -72,23 +72,23 @@ def main() -> None:
         kinds.setdefault((job.scene.name, kind), []).append(job)
     print("core minutes of one job            jobs  frames    GB  render  simulate  score    all")
     for (scene, kind), found in kinds.items():
-        one = estimate_work(found[:1], cores=1)
+        one = estimate_job(found[0])
         stages = render_s(found[0]), simulate_s(found[0])
-        minutes = (*stages, one.seconds - sum(stages), one.seconds)
+        minutes = (*stages, one.core_s - sum(stages), one.core_s)
         print(
             f"{scene:10s} {kind:22s} {len(found):5d} {one.frames:7d} {one.frame_bytes / 1e9:5.2f}"
             + "".join(f"{s / 60:{w}.1f}" for s, w in zip(minutes, (8, 10, 7, 7), strict=True))
         )
 
-    whole_s = [estimate_work([job], cores=1).seconds for job in work]
+    whole_s = [estimate_job(job).core_s for job in work]
     chunks_s, sensors_s, read_bytes = [], [], 0.0
     for job in work:
-        one = estimate_work([job], cores=1)
+        one = estimate_job(job)
         chunks = -(-one.frames // FRAMES_AT_A_TIME)
         chunks_s += [render_s(job) / chunks] * chunks
         for sensor in single_sensors(job.simulate):
             alone = replace(job, simulate=sensor)
-            sensors_s.append(estimate_work([alone], cores=1).seconds - render_s(job))
+            sensors_s.append(estimate_job(alone).core_s - render_s(job))
             read_bytes += one.frame_bytes
     print(f"\n{total_s / 3600:.1f} core hours; longest task {max(whole_s) / 60:.0f} min")
     print(

@@ -22,7 +22,7 @@ from tasks.evaluation.settings import share_of_1280
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_method
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import estimate_job
 from tasks.study.run.jobs import Job, jobs_of
 from tasks.study.study_file import read_study
 
@@ -41,7 +41,7 @@ def told_s(jobs: Iterable[Job]) -> tuple[float, float, float]:
     for job in jobs:
         unscored = replace(job, evaluate={})
         unseen = replace(unscored, simulate=replace(job.simulate, speeds=()))
-        one, two, three = (estimate_work([x], 1).seconds for x in (unseen, unscored, job))
+        one, two, three = (estimate_job(x).core_s for x in (unseen, unscored, job))
         render, simulate, all_stages = render + one, simulate + two, all_stages + three
     return render, simulate - render, all_stages - simulate
 
@@ -91,7 +91,8 @@ def main() -> None:
     print(f"{'core seconds: told / measured':38s}jobs{heads}    ratio")
     every: list[tuple[float, ...]] = []
     for kind, jobs in told.items():
-        frames = estimate_work(jobs, 1).frames, sum(one.rendered_frames for one in took[kind])
+        told_frames = sum(estimate_job(job).frames for job in jobs)
+        frames = told_frames, sum(one.rendered_frames for one in took[kind])
         pairs = list(zip(told_s(jobs), took_s(took[kind]), strict=True))
         every.append(tuple(x for pair in pairs for x in pair))
         ratio = sum(two for _, two in pairs) / sum(one for one, _ in pairs)

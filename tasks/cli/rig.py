@@ -362,7 +362,7 @@ def evaluate(
     from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
-    from tasks.study.run.recorded import check_recorded, write_recorded
+    from tasks.study.run.run_folder import check_recorded, write_recorded
 
     require(crops, "crop")
     file = out / "rows.parquet"

@@ -68,8 +68,8 @@ class Changes:
     def applied_to(self, study: Study) -> Study:
         """Return the study with these changes."""
         from tasks.study.config import with_method, with_resolution, with_scenes
-        from tasks.study.sensors import read_camera_of
         from tasks.study.settings import Simulate
+        from tasks.study.study_file import read_camera_of
 
         asked = with_scenes(study, self.scenes, self.trajectory)
         rendering = _given(samples=self.samples, spp=self.spp)

@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from eres_render import Renderer, load_scene, render_clip
+from eres_render import load_scene, render_clip
 from eres_render.cores import cores
 from eres_render.progress import Progress, cost, silent
 from eres_render.storage.locks import LockedError, locked
@@ -115,16 +115,8 @@ class StudyDataset:
     def _make_scene(self, job: Job, out: Path, on_progress: Progress) -> None:
         if all(file.exists() for file in _sets(job, out, 1.0)):
             return
-        render = job.render
-        renderer = Renderer(
-            job.scene,
-            render.resolution,
-            render.spp,
-            render.seed,
-            on_progress=on_progress,
-            camera=job.scene.camera(render.resolution, render.height),
-        )
-        folder, limit_px = out / job.scene.name, render.max_displacement_px
+        renderer = job.renderer(on_progress)
+        folder, limit_px = out / job.scene.name, job.render.max_displacement_px
         sequence = render_clip(renderer, job.clip, folder, limit_px, on_progress)
         del renderer
         sets = _sets(job, out, sequence.white_level)

@@ -7,10 +7,9 @@ import math
 from eres_render.errors import suggestion
 from sensor.cameras import EventCamera
 from tasks.errors import StudyError
-from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
+from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.results.slider import FIELD_PX, PAPER_SIGMA_MM, PRINTS
-from tasks.study.sensors import AREA
-from tasks.study.settings import Render, Simulate, Study
+from tasks.study.settings import AREA, Render, Simulate, Study
 
 SLIDER_LUX = (300.0, 67.0, 17.0)
 """Illuminance of the prints in the preset "slider", lux; the paper does not state its own."""
@@ -88,12 +87,10 @@ PRESETS = {
         simulate=Simulate(simulators=("v2e-A", "v2e"), frame_steps_px=(0.5, 1.0, 2.0)),
         evaluate=Evaluate(
             flow=Flow(
-                methods=("photometric_flow", "contrast_maximization", "initial_flow"),
                 native_patch=True,
                 fast_methods=("contrast_maximization", "initial_flow"),
                 fast_scenes=("carpet",),
             ),
-            dense_flow=DenseFlow(methods=()),
             tracking=Tracking(methods=()),
             video=Video(methods=("high_pass_filter", "blank"), scenes=("carpet",), duration_s=1.2),
         ),
@@ -149,9 +146,6 @@ PRESETS = {
             widths=(), sensors=_designs(), illuminance_lux=CHIP_LUX, speeds=(1.0, 2.0)
         ),
         evaluate=Evaluate(
-            reconstruction=Reconstruction(),
-            flow=Flow(methods=("photometric_flow", "contrast_maximization", "initial_flow")),
-            dense_flow=DenseFlow(methods=()),
             tracking=Tracking(methods=()),
             video=Video(methods=()),
         ),

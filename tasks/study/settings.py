@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
@@ -13,13 +13,12 @@ from eres_render.storage.settings_reader import FloatOrInf
 from sensor.cameras import EventCamera
 from sensor.cameras.camera import BUS_KEYS
 from sensor.levels import DARK_SHARE
-from sensor.model import Photoreceptor, SensorModel
+from sensor.model import Photoreceptor, SensorModel, cutoff_in_light
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.sensor_setting import Emulation
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.study import rules
-from tasks.study.sensors import AREA, StudyLight, light_at, own_of
 from tasks.warm_up import TIME_CONSTANTS, needed_s
 
 if TYPE_CHECKING:
@@ -93,6 +92,32 @@ class Render:
         rows, columns = crop_to_aspect(frame_height, self.resolution, height, width)
         return columns.stop - columns.start, rows.stop - rows.start
 
+
+class StudyLight(NamedTuple):
+    """Light on the scene: the cutoff of plain sensors in Hz, and the illuminance in lux or 0."""
+
+    cutoff_hz: float
+    illuminance_lux: float = 0.0
+
+    def on(self, camera: EventCamera, white: float = 1.0) -> SensorModel:
+        """Return the pixels of a camera in this light."""
+        if self.illuminance_lux:
+            return camera.model(lux=self.illuminance_lux, white=white)
+        return camera.model(cutoff_hz=self.cutoff_hz, white=white)
+
+
+def own_of(camera: EventCamera) -> tuple[str, ...]:
+    """Return the settings of a study that a camera overrides with a value of its own."""
+    own = {
+        "contrast_thresholds": camera.states("threshold") or camera.states("threshold_off"),
+        "photoreceptors": camera.states("photoreceptor") or camera.cutoff_follows_light,
+        "bus": camera.states("bus") and camera.bus is None,
+    }
+    return tuple(name for name, holds in own.items() if holds)
+
+
+AREA = "area^"
+"""Before the exponent in the name of a camera with an exponent of `area_exponents`."""
 
 Simulator = Literal["exact", "v2e", "v2e-A", "v2e-B"]
 _VERSIONS: dict[Simulator, Version] = {"v2e": "C", "v2e-A": "A", "v2e-B": "B"}
@@ -193,18 +218,22 @@ class Simulate:
         """The lights on the scene."""
         if self.illuminance_lux is None:
             return tuple(map(StudyLight, self.cutoffs_hz))
-        return tuple(map(light_at, self.illuminance_lux))
+        return tuple(
+            StudyLight(math.inf) if math.isinf(lux) else StudyLight(cutoff_in_light(lux), lux)
+            for lux in self.illuminance_lux
+        )
 
     @property
     def cameras(self) -> tuple[EventCamera, ...]:
         """The named cameras, those that borrow their cutoff once for each exponent of the area."""
         every: list[EventCamera] = []
         for camera in self.sensors:
-            if camera.borrows_cutoff and camera.area_um2 is not None and self.area_exponents:
-                names = {power: f"{camera.name} {AREA}{power:g}" for power in self.area_exponents}
-                every += [replace(camera, name=n, area_exponent=p) for p, n in names.items()]
-            else:
-                every.append(camera)
+            borrows = camera.borrows_cutoff and camera.area_um2 is not None
+            every += [
+                replace(camera, name=f"{camera.name} {AREA}{power:g}", area_exponent=power)
+                for power in self.area_exponents or ()
+                if borrows
+            ] or [camera]
         return tuple(every)
 
     def readout(self, camera: EventCamera) -> Readout | None:
@@ -226,15 +255,13 @@ class Simulate:
     @property
     def assumes(self) -> list[str]:
         """In words what the study assumes of its cameras, a line each."""
-        light: dict[str, Any] = {"lux": self.illuminance_lux}
-        if self.illuminance_lux is None:
-            light = {"cutoff_hz": self.cutoffs_hz}
+        lux, cutoffs_hz = self.illuminance_lux, self.cutoffs_hz
+        light: dict[str, Any] = {"cutoff_hz": cutoffs_hz} if lux is None else {"lux": lux}
         lines: dict[str, None] = {}
         for camera in self.all_cameras():
             if not camera.states("bus"):
                 camera = replace(camera, bus_hz=1e6 * (self.bus_mev_s or math.inf))
-            own = "contrast_thresholds" in own_of(camera)
-            thresholds = () if own else self.contrast_thresholds
+            thresholds = () if "contrast_thresholds" in own_of(camera) else self.contrast_thresholds
             if not camera.name:
                 camera = replace(camera, width=None, height=None)
             lines[camera.assumptions(**light, thresholds=thresholds)] = None
@@ -325,28 +352,20 @@ class Simulate:
         programs: list[Emulation | None] = [None] if "exact" in self.simulators else []
         for simulator in self.simulators:
             if version := _VERSIONS.get(simulator):
-                programs += [
-                    Emulation(
-                        version=version,
-                        every=round(step_px / render.max_displacement_px),
-                        white=white,
-                        name=f"v2e-{version}-{step_px:g}px",
-                    )
-                    for step_px in steps_px
-                ]
+                for step_px in steps_px:
+                    every = round(step_px / render.max_displacement_px)
+                    name = f"v2e-{version}-{step_px:g}px"
+                    programs.append(Emulation(version, every, white, name))
         return programs
 
     def first(self, render: Render) -> Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
         size = min((camera.size for camera in self.all_cameras(render)), key=math.prod)
         named = tuple(camera for camera in self.cameras if camera.size == size)[:1]
-        lists = ["cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors", "simulators"]
-        lists += ["illuminance_lux", "speeds_m_s", "frame_steps_px"]
-        firsts: dict[str, Any] = {
-            name: values[:1] for name in lists if (values := getattr(self, name)) is not None
-        }
-        widths = () if named else size[:1]
-        return replace(self, **firsts, widths=widths, sensors=named, area_exponents=None)
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        values = {name: value[:1] for name, value in values.items() if isinstance(value, tuple)}
+        values |= {"widths": () if named else size[:1], "sensors": named, "area_exponents": None}
+        return replace(self, **values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

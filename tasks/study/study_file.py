@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field, fields, make_dataclass
+from dataclasses import field, fields, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from eres_render.storage.settings_reader import check_known, read_toml, read_typed
+from sensor.cameras import EventCamera, find_camera
 from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
 from tasks.errors import StudyError, WeightsError
@@ -14,7 +15,6 @@ from tasks.evaluation.settings import Evaluate
 from tasks.registry import TASKS, load
 from tasks.study import rules
 from tasks.study.changes import is_path, with_weights
-from tasks.study.sensors import read_camera_of
 from tasks.study.settings import Simulate, Study
 
 
@@ -23,7 +23,7 @@ def read_study(file: str | Path) -> Study:
 
     Tables and fields are those of `Study`. Fields that are left out have their defaults, except
     that `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a
-    file, or a table, see `tasks.study.sensors.read_camera_of`. `bus` names a camera whose bus all
+    file, or a table, see `read_camera_of`. `bus` names a camera whose bus all
     sensors get, in place of `bus_mev_s`. `[weights]` maps methods to the files with the weights of
     their networks. All paths are relative to the file.
 
@@ -101,6 +101,42 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
         for i, entry in enumerate(entries)
     ]
     return table
+
+
+def read_camera_of(entry: Any, where: str, folder: str | Path) -> EventCamera:
+    """Read a camera from an entry of `simulate.sensors`.
+
+    Parameters
+    ----------
+    entry
+        The name of a camera, a TOML file, or a table with the keys of such a file and `name`.
+    where
+        File and field, for errors.
+    folder
+        Folder that paths of files are relative to.
+
+    Returns
+    -------
+    The camera, with its size for a name if it has none.
+
+    Raises
+    ------
+    StudyError
+        The camera is unknown or lacks a size, or a field is wrong.
+    """
+    try:
+        if isinstance(entry, str):
+            camera = find_camera(Path(folder, entry) if entry.endswith(".toml") else entry)
+        elif isinstance(entry, dict):
+            table = dict(entry)
+            name = read_typed(str, table.pop("name", ""), Path(where), StudyError, "name")
+            camera = camera_of(table, name, folder)
+        else:
+            raise StudyError(f"{where}: found {entry!r}, expected a name, a .toml file or a table")
+        width, height = camera.size
+    except SensorError as error:
+        raise StudyError(f"{where}: {error}") from None
+    return camera if camera.name else replace(camera, name=f"{width}x{height}")
 
 
 _OLD = "photoreceptor"  # the field of older versions

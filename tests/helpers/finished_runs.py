@@ -12,7 +12,7 @@ from tasks.row import Row, write_rows
 from tasks.study.report import write_report
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.previews import FILM_PICTURES
-from tasks.study.run.pictures import film_strip
+from tasks.study.run.highlights import film_strip
 
 
 def make_run(folder: Path, rows: list[Row]) -> Path:

@@ -2,6 +2,7 @@
 
 import math
 from itertools import combinations
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,15 +14,17 @@ from made_scaling import made
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.report.figures import figure, figure_files
-from tasks.study.report.plot import COLORS, Line, Panel, Point, plot, sensor_keys
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.plot import COLORS, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.sections.scaling import interval_plot, slope_plot
 from tasks.study.report.sections.tradeoff import tradeoff_plots
-from tasks.study.results.asked import SensorId
+from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import PACKAGED
 
-BUS_HZ = 600e6
+
+def plots(scores: Scores, series: Series) -> dict[str, Plot]:
+    return tradeoff_plots(FinishedRun(Path(), [scores], {}, {}), series)
 
 
 @pytest.mark.parametrize(("column", "page"), [(0, "#fafbfc"), (1, "#1a1e23")])
@@ -57,18 +60,18 @@ def scores(nothing_db: float) -> Scores:
 
 def test_the_files_are_whole_and_the_same_each_time() -> None:
     """A PNG that decodes, a complete SVG, and no date or random name in them."""
-    files = figure_files(tradeoff_plots(scores(12.0), EI, BUS_HZ, PACKAGED))
+    files = figure_files(plots(scores(12.0), EI))
     assert set(files) == {"png", "svg"}
     assert cv2.imdecode(np.frombuffer(files["png"], np.uint8), cv2.IMREAD_COLOR) is not None
     assert files["svg"].rstrip().endswith(b"</svg>")
-    assert figure_files(tradeoff_plots(scores(12.0), EI, BUS_HZ, PACKAGED)) == files
+    assert figure_files(plots(scores(12.0), EI)) == files
 
 
 def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
     """Below, amid and above the scores: no mark within 4 points of the label's box. Scores that
     differ by less than is shown are named once."""
     for nothing_db in (8.0, 9.0, 12.0, 16.0):
-        drawn = figure(tradeoff_plots(scores(nothing_db), EI, BUS_HZ, PACKAGED))
+        drawn = figure(plots(scores(nothing_db), EI))
         drawn.draw_without_rendering()
         for axes in drawn.axes:
             legend = axes.get_legend()
@@ -86,28 +89,26 @@ def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
 def test_errors_have_a_logarithmic_axis_and_say_which_way_is_better() -> None:
     """Errors span decades and less is better; PSNR is in dB already and more is better."""
     rows = paper_rows(CM, samples=1)
-    flow = figure(
-        tradeoff_plots(Scores(rows + nothing_rows(rows, 3.5)), CM, BUS_HZ, PACKAGED)
-    ).axes[0]
+    flow = figure(plots(Scores(rows + nothing_rows(rows, 3.5)), CM)).axes[0]
     assert flow.get_yscale() == "log"
     assert flow.get_ylabel() == "RNEPE [px], less is better"
-    psnr = figure(tradeoff_plots(scores(12.0), EI, BUS_HZ, PACKAGED)).axes[0]
+    psnr = figure(plots(scores(12.0), EI)).axes[0]
     assert psnr.get_yscale() == "linear"
     assert psnr.get_ylabel() == "PSNR [dB]"
 
 
 def test_the_bus_is_a_line_and_what_does_not_fit_is_shaded() -> None:
     """Promise: in every panel a line is at the capacity of the bus, the part above it is shaded up
-    to the edge, and all marks are still inside: 1280 px fires 2097 Mev/s, the bus carries 600."""
-    for axes in figure(tradeoff_plots(scores(12.0), EI, BUS_HZ, PACKAGED)).axes:
-        (line,) = (one for one in axes.get_lines() if list(one.get_xdata()) == [600, 600])
+    to the edge, and all marks are still inside: 1280 px fires 2097 Mev/s, the bus carries 1200."""
+    for axes in figure(plots(scores(12.0), EI)).axes:
+        (line,) = (one for one in axes.get_lines() if list(one.get_xdata()) == [1200, 1200])
         assert line.get_linestyle() == "-"
         (shade,) = axes.patches
         low, high = axes.get_xlim()
-        assert shade.get_extents().transformed(axes.transData.inverted()).x0 == pytest.approx(600)
+        assert shade.get_extents().transformed(axes.transData.inverted()).x0 == pytest.approx(1200)
         assert shade.get_x() + shade.get_width() == pytest.approx(high)
         assert low < 2 * 128**3 / 1e6 < 2 * 1280**3 / 1e6 < high
-        assert "bus 600 Mev/s" in [text.get_text() for text in axes.texts]
+        assert "bus 1200 Mev/s" in [text.get_text() for text in axes.texts]
 
 
 def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None:
@@ -126,9 +127,7 @@ def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None
     assert not own(4.0, 3.0)
     assert not own(12.0, 11.0)
     assert not own(0.4)
-    ideal, night = figure(
-        tradeoff_plots(scores(12.0), EI, BUS_HZ, PACKAGED)
-    ).axes  # 3 dB up, and 3 dB down
+    ideal, night = figure(plots(scores(12.0), EI)).axes  # 3 dB up, and 3 dB down
     assert ideal.get_ylim()[0] > night.get_ylim()[0] + 2
 
 
@@ -161,5 +160,5 @@ def test_names_with_dollar_signs_are_drawn_as_they_are() -> None:
         Row(name, *EI[:2], width, math.inf, 0.2, 1.0, 0, "psnr_db", 20.0, 1e6, sensor=f"$^{width}$")
         for width in (128, 346)
     ]
-    files = figure_files(tradeoff_plots(Scores(rows), EI, BUS_HZ, PACKAGED))
+    files = figure_files(plots(Scores(rows), EI))
     assert set(files) == {"png", "svg"}

@@ -25,7 +25,7 @@ from tasks.study.config import (
     Video,
 )
 from tasks.study.run.compute import compute_job
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import work_text
 from tasks.study.run.jobs import QueuedJob, jobs_of
 
 
@@ -85,7 +85,7 @@ def test_a_wide_view_may_be_farther_from_the_plane() -> None:
     scene = load_scene("carpet", path_through(np.array([0.0, 0.9]), T))
     with pytest.raises(SceneError, match="the view reaches"):
         scene.trajectory()
-    assert estimate_work(jobs_of(wide, scene), 2)
+    assert work_text(jobs_of(wide, scene), 2)
 
 
 @given(resolution=st.integers(2, 2000), height=st.integers(2, 2000), data=st.data())

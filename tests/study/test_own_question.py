@@ -31,10 +31,10 @@ from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import choose
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
-from tasks.study.results.words import PACKAGED, cutoff_label, speed_label
+from tasks.study.results.words import cutoff_label, speed_label
 from tasks.study.run import run_study
+from tasks.study.run.highlights import scaling_files
 from tasks.study.run.jobs import jobs_of
-from tasks.study.run.scaling import scaling_files
 from tasks.study.settings import to_json
 from tasks.study.study_file import read_study
 
@@ -554,7 +554,7 @@ def test_two_sensors_of_one_width_are_apart_everywhere(run) -> None:
         assert choice is not None
         assert [*choice.event_rates_hz] == sensors
         assert len({*choice.event_rates_hz.values()}) == 5
-    (drawn,) = tradeoff_plots(finished.scores, series, finished.bus_hz, PACKAGED).values()
+    (drawn,) = tradeoff_plots(finished, series).values()
     (intervals,) = (interval_plot(one) for one in finished.scaling.values())
     for shown in (drawn, intervals):
         assert [key.name for key in shown.keys] == labels

@@ -9,8 +9,7 @@ import pytest
 
 from tasks.evaluation.timings import JobTimings
 from tasks.provenance import VARIANT
-from tasks.study.run.estimate import JobEstimate
-from tasks.study.run.pace import add_job, pace_of
+from tasks.study.run.estimate import JobEstimate, add_job, pace_of
 
 HERE = {"processor": "fast", "cores": "2", VARIANT: "llvm_ad_mono"}
 FRAMES = 50

@@ -19,16 +19,17 @@ from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId, sensor_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run import highlights
-from tasks.study.run.jobs import QueuedJob
-from tasks.study.run.pictures import (
+from tasks.study.run.highlights import (
     BRIGHTER,
     DARKER,
     MAX_FILM_BYTES,
     NONE,
+    Film,
     central_area,
     film_strip,
+    preview_files,
 )
-from tasks.study.run.previews import Film, preview_files
+from tasks.study.run.jobs import QueuedJob
 
 END_US = 5_000_000
 
@@ -56,7 +57,7 @@ def test_each_event_is_in_the_picture_of_its_time(width: int, height: int) -> No
             if shown and top <= y < top + side and left <= x < left + side:
                 expected[picture, y - top, x - left] += p
     assert np.abs(expected).sum() > 100
-    film = Film.of(SensorModel(width=width, height=height), 4 * height, 4 * width)
+    film = Film(SensorModel(width=width, height=height), 4 * height, 4 * width)
     half = END_US - 30_000
     for part in (events.between(0, half), events.between(half, 2 * END_US)):
         film.add(part, END_US)
@@ -75,9 +76,7 @@ def test_sensors_of_all_shapes_show_the_same_part_of_the_frame() -> None:
     )
     films = {}
     for width, height in ((64, 64), (24, 32), (32, 16)):
-        films[SensorId(width), 50.0] = film = Film.of(
-            SensorModel(width=width, height=height), 64, 64
-        )
+        films[SensorId(width), 50.0] = film = Film(SensorModel(width=width, height=height), 64, 64)
         assert film.part_px == 16
         assert film.sums.shape[1] == (16 if width == 64 else 8)
     files = preview_files(job, [frame] * FILM_PICTURES, films)
@@ -129,7 +128,7 @@ def test_films_are_over_whole_frames(monkeypatch) -> None:
 
 def test_a_narrow_sensor_shows_what_it_sees() -> None:
     """A sensor that sees less than the center of a frame shows all its columns there."""
-    film = Film.of(SensorModel(width=8, height=64), 64, 64)
+    film = Film(SensorModel(width=8, height=64), 64, 64)
     assert (film.sums.shape[1], film.part_px) == (8, 8)
 
 
@@ -175,7 +174,7 @@ def test_the_files_of_a_scene_are_listed() -> None:
     frames = [np.full((64, 64), i / 10, np.float32) for i in range(FILM_PICTURES)]
     sensors = SensorId(16), SensorId(64, "a/b"), SensorId(64, "b"), SensorId(64)
     films = {
-        (one, cutoff_hz): Film.of(SensorModel(width=one.width, height=one.width), 64, 64)
+        (one, cutoff_hz): Film(SensorModel(width=one.width, height=one.width), 64, 64)
         for one in sensors
         for cutoff_hz in (np.inf, 50.0)
     }
@@ -198,7 +197,7 @@ def test_entries_say_the_light_to_the_last_digit() -> None:
         render=SimpleNamespace(resolution=64),
     )
     lights = [np.inf, CutoffInLux(1234.567), 123.45678]
-    film = Film.of(SensorModel(width=16, height=16), 64, 64)
+    film = Film(SensorModel(width=16, height=16), 64, 64)
     frames = [np.ones((64, 64), np.float32)] * FILM_PICTURES
     files = preview_files(job, frames, {(SensorId(16), light): film for light in lights})
     entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)

@@ -23,7 +23,7 @@ from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.run.scaling import scaling_files
+from tasks.study.run.highlights import scaling_files
 
 ROOT = Path(__file__).parents[2]
 

@@ -4,6 +4,7 @@ import importlib
 import json
 import logging
 import os
+import re
 import shutil
 import sys
 import time
@@ -46,9 +47,9 @@ from tasks.study.config import (
 )
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
-from tasks.study.run import frame_cache, local, pace, run_study
+from tasks.study.run import estimate, frame_cache, run_study, scheduler
 from tasks.study.run.compute import ComputedJob
-from tasks.study.run.estimate import estimate_job, estimate_work
+from tasks.study.run.estimate import estimate_job, work_text
 from tasks.study.run.jobs import jobs_of
 from tasks.study.run.run_study import _scenes
 from tasks.study.study_file import read_study
@@ -91,7 +92,7 @@ def recalled(finished, monkeypatch):
         here = environment.environment(select_variant())
         return ComputedJob(read_rows(jobs / f"{queued.key}.parquet"), timings, {}, here)
 
-    monkeypatch.setattr(local, "compute_job", recall)
+    monkeypatch.setattr(scheduler, "compute_job", recall)
 
 
 def test_rows_fill_the_grid(finished):
@@ -195,7 +196,7 @@ def test_a_run_whose_previews_were_deleted_continues(finished, scene_folder, tmp
     run = tmp_path / "run"
     shutil.copytree(out, run)
     shutil.rmtree(run / "previews")
-    monkeypatch.setattr(local, "compute_job", None)
+    monkeypatch.setattr(scheduler, "compute_job", None)
     assert run_study(tiny_study(scene_folder), run) == rows
     assert not (run / "previews").exists()
     write_report(run)
@@ -218,13 +219,13 @@ def test_highlights_of_another_study_are_made_again(finished, scene_folder, tmp_
     (file,) = (run / "scaling").glob("*.json")
     file.write_text(json.dumps({**json.loads(file.read_text()), "job": "of another study"}))
     asked = []
-    compute = local.compute_job
+    compute = scheduler.compute_job
 
     def counted(queued, on_progress):
         asked.append(queued.key)
         return compute(queued, on_progress)
 
-    monkeypatch.setattr(local, "compute_job", counted)
+    monkeypatch.setattr(scheduler, "compute_job", counted)
     study = tiny_study(scene_folder)
     run_study(study, run)
     first = jobs_of(study, load_scene(scene_folder))[0].key
@@ -353,7 +354,7 @@ def test_a_stopped_study_does_not_describe_the_rows_of_another(
 
     study = tiny_study(scene_folder)
     with monkeypatch.context() as patch:
-        patch.setattr(local, "compute_job", stop_after_one)
+        patch.setattr(scheduler, "compute_job", stop_after_one)
         patch.setattr("sys.argv", ["eres", "study", "other"])
         with pytest.raises(KeyboardInterrupt):
             run_study(with_threshold(study, 0.4), run)
@@ -380,7 +381,7 @@ def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
     """Promise: eres reads a finished run and computes nothing; it does not even load the
     renderer."""
     out, rows = finished
-    monkeypatch.setattr(local, "compute_job", None)
+    monkeypatch.setattr(scheduler, "compute_job", None)
     assert run_study(tiny_study(scene_folder), out) == rows
 
 
@@ -406,7 +407,7 @@ def test_the_cost_of_a_study_is_foretold(name, least, most):
         told = [job for job in work if (job.scene.name, *job.evaluate) == kind]
         took = [one for one in jobs if {one.scene, *(m.task for m in one.methods)} == {*kind}]
         assert len(took) == len(told)
-        told_s[kind] = estimate_work(told, cores=1).seconds
+        told_s[kind] = sum(estimate_job(job).core_s for job in told)
         found_s[kind] = sum(one.core_s for one in took)
     longer = sum(found_s.values()) / sum(told_s.values())
     assert least < longer < most
@@ -418,7 +419,7 @@ def test_the_cost_of_the_paper_preset_is_foretold():
     """Promise: within a quarter of what earlier code took on idle cores, docs/results.md."""
     study = preset("paper")
     work = [job for scene in study.scenes for job in jobs_of(study, load_scene(scene))]
-    told_s = estimate_work(work, cores=2).seconds
+    told_s = sum(estimate_job(job).core_s for job in work) / 2
     assert told_s == pytest.approx(3600 + 52 * 60 + 45, rel=0.25)
 
 
@@ -427,7 +428,7 @@ def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monk
     compiles."""
     out, rows = finished
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(pace, "_PRIOR_S", 0.0)
+    monkeypatch.setattr(estimate, "_PRIOR_S", 0.0)
     caplog.set_level(logging.INFO)
     here = environment.environment(select_variant())
     some, begun = read_timings(out / "costs")[0], []
@@ -441,16 +442,16 @@ def test_the_estimate_follows_the_machine(finished, scene_folder, tmp_path, monk
         took = replace(took, cores=2, scoring_s=times * told.core_s / 2)
         return ComputedJob(rows[:1], took, {}, here)
 
-    monkeypatch.setattr(local, "compute_job", slow)
+    monkeypatch.setattr(scheduler, "compute_job", slow)
     study = tiny_study(scene_folder)
     run_study(study, tmp_path / "one")
     assert len(begun) > 2
-    assert pace.pace_of(here) == pytest.approx(3)
+    assert estimate.pace_of(here) == pytest.approx(3)
     run_study(with_threshold(study, 0.4), tmp_path / "other")
     first, second = (text for text in caplog.messages if "to do" in text)
     assert first.endswith(" min at a fast server's pace")
     assert second.endswith(" min at this machine's pace")
-    monkeypatch.setattr(local.ThisProcess, "environment", lambda self: {})  # as of a cluster
+    monkeypatch.setattr(scheduler.ThisProcess, "environment", lambda self: {})  # as of a cluster
     kept = (cache_dir() / "pace.json").read_bytes()
     run_study(with_threshold(study, 0.3), tmp_path / "workers")
     assert (cache_dir() / "pace.json").read_bytes() == kept
@@ -479,18 +480,23 @@ def test_cost_is_said_before_the_start(finished, scene_folder, monkeypatch):
     and no more disk than the cache keeps."""
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
-    said = estimate_work(work, cores=2)
-    assert said.jobs == len(work)
-    assert 0.5 * rendered < said.frames < 2 * rendered
-    twice = estimate_work([*work, *work], cores=1)
-    assert twice.seconds == pytest.approx(2 * estimate_work(work, cores=1).seconds)
-    assert twice.seconds == pytest.approx(2 * estimate_work([*work, *work], cores=2).seconds)
-    slow = estimate_work(work, cores=2, pace=3.0)
-    assert slow.seconds == pytest.approx(3 * said.seconds)
-    told = f"{len(work)} jobs to do: about {said.frames} frames, "
-    assert said.text().startswith(f"{told}{said.frame_bytes / 1e9:.2g} GB on disk, ")
-    monkeypatch.setattr(frame_cache, "LIMIT_BYTES", said.frame_bytes / 2)
-    assert said.text().startswith(f"{told}{said.frame_bytes / 2e9:.2g} GB on disk, ")
+    each = [estimate_job(job) for job in work]
+    frames, size = sum(one.frames for one in each), sum(one.frame_bytes for one in each)
+    assert 0.5 * rendered < frames < 2 * rendered
+    told = f"{len(work)} jobs to do: about {frames} frames, "
+    assert work_text(work, cores=2).startswith(f"{told}{size / 1e9:.2g} GB on disk, ")
+    monkeypatch.setattr(frame_cache, "LIMIT_BYTES", size / 2)
+    assert work_text(work, cores=2).startswith(f"{told}{size / 2e9:.2g} GB on disk, ")
+
+    def minutes(jobs, cores, pace):
+        hours, rest = re.search(r"(?:(\d+) h )?(\d+) min", work_text(jobs, cores, pace)).groups()
+        return 60 * int(hours or 0) + int(rest)
+
+    once = minutes(work, 2, 1e6)
+    assert once > 100
+    assert minutes([*work, *work], 2, 1e6) == pytest.approx(2 * once, abs=1)
+    assert minutes(work, 1, 1e6) == pytest.approx(2 * once, abs=1)
+    assert minutes(work, 2, 3e6) == pytest.approx(3 * once, abs=2)
 
 
 def test_report_of_a_real_run(finished, scene_folder):
@@ -643,7 +649,7 @@ def test_a_run_is_not_continued_with_another_renderer(
     with pytest.raises(StudyError, match=f"^{name}: found .*, .* with {before}; .* --mix$"):
         run_study(study, run)
     # A cluster's environment is known only when a job is done.
-    monkeypatch.setattr(local.ThisProcess, "environment", lambda self: {})
+    monkeypatch.setattr(scheduler.ThisProcess, "environment", lambda self: {})
     with pytest.raises(StudyError, match=f"^{name}: found .*, .* with {before}; "):
         run_study(study, run)
     assert json.loads(file.read_text()) == here | {name: before}

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from distributed import LocalCluster
@@ -43,13 +44,10 @@ from tasks.study.config import (
     Video,
     with_method,
 )
-from tasks.study.run import cluster as cluster_module
-from tasks.study.run import local as local_module
-from tasks.study.run import run_study
+from tasks.study.run import run_study, scheduler
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.estimate import JobEstimate, estimate_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
-from tasks.study.run.scheduler import open_scheduler
 
 # Dask warns of a disk that takes a second to make a folder.
 pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
@@ -241,7 +239,7 @@ def test_progress_never_goes_back(stages_s) -> None:
 
     for one in jobs:
         seen.append(before_s)
-        on_job = local_module._within(seen_at, one, before_s, total_s)
+        on_job = scheduler._within(seen_at, one, before_s, total_s)
         for stage in ("simulating", "scoring", "scoring"):
             on_job(stage, 75, 75)
         before_s += one.core_s
@@ -257,8 +255,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
     """Promise: progress counts each job with its estimated time, so that the time left follows the
     machine, and of a job that has begun its parts, or half of it on workers once a job is done; it
     is complete at the end."""
-    for module in (cluster_module, local_module):
-        monkeypatch.setattr(module, "compute_job", nothing_computed)
+    monkeypatch.setattr(scheduler, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
     estimates = [estimate_job(queued.job) for queued in jobs]
     ends = list(itertools.accumulate((one.core_s for one in estimates), initial=0.0))
@@ -271,7 +268,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
         (one_worker.scheduler_address, on_worker),
     ):
         said = []
-        with open_scheduler(address) as computing:
+        with scheduler.open_scheduler(address) as computing:
             computed = list(computing.compute(jobs, lambda _, done, of, to=said: to.append(done)))
         assert said == pytest.approx(expected)
         assert {job.key for job, _ in computed} == {job.key for job in jobs}
@@ -286,13 +283,13 @@ def test_workers_take_the_longest_job_first(one_worker, scene_folder, monkeypatc
         begun.append(queued.key)
         return ComputedJob([], None, {}, {})
 
-    monkeypatch.setattr(cluster_module, "compute_job", computed)
+    monkeypatch.setattr(scheduler, "compute_job", computed)
     monkeypatch.setattr(
-        cluster_module,
+        scheduler,
         "estimate_job",
         lambda job: JobEstimate(1, 1.0, lengths_s[job.key], samples_s=0.0, render_s=0.0),
     )
-    with open_scheduler(one_worker.scheduler_address) as computing:
+    with scheduler.open_scheduler(one_worker.scheduler_address) as computing:
         assert len(list(computing.compute(jobs, silent))) == len(jobs)
     assert begun == [queued.key for queued in reversed(jobs)]
 
@@ -312,10 +309,9 @@ def test_weights_that_change_meanwhile_end_the_study(
         file.write_bytes(b"of another training")
         return ComputedJob([], None, {}, {})
 
-    for module in (cluster_module, local_module):
-        monkeypatch.setattr(module, "compute_job", computed)
+    monkeypatch.setattr(scheduler, "compute_job", computed)
     run_module = sys.modules["tasks.study.run.run_study"]
-    for module in (cluster_module, run_module):  # the weights are not those of a network
+    for module in (scheduler, run_module):  # the weights are not those of a network
         monkeypatch.setattr(module, "check_methods", lambda *_: None)
     address = one_worker.scheduler_address if on_cluster else None
     with pytest.raises(StudyError, match=r"weights.pt: changed while the study ran"):
@@ -336,7 +332,7 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
             raise RenderError("/cache/frames: cannot be written: No space left on device") from full
         raise full
 
-    monkeypatch.setattr(cluster_module, "compute_job", failing)
+    monkeypatch.setattr(scheduler, "compute_job", failing)
     study = tiny_study(scene_folder, samples=1)
     with pytest.raises(StudyError, match=r"carpet, clip 0: failed 3 times .*/cache/frames"):
         run_study(study, tmp_path / "run", one_worker.scheduler_address)
@@ -358,8 +354,8 @@ def test_a_mistake_in_your_own_method_ends_the_run_at_once(
         computed.append(queued.job)
         return real(queued, on_progress)
 
-    real = cluster_module.compute_job
-    monkeypatch.setattr(cluster_module, "compute_job", compute)
+    real = scheduler.compute_job
+    monkeypatch.setattr(scheduler, "compute_job", compute)
     study = with_method(tiny_study(scene_folder), "rash:estimate")
     said = r"^worker tcp://\S+ on \S+: flow, method 'rash:estimate': raised ZeroDivisionError at "
     with pytest.raises(StudyError, match=said + r"\S+rash.py:4: division by zero$"):
@@ -380,21 +376,25 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         return str(refused.value).split(": ", 1)[1]
 
     study = tiny_study(scene_folder, samples=1)
-    here = cluster_module._versions()
+    here = scheduler._versions()
+    assert {"eres", "render", "simulate", "evaluate"} <= {*here}
     for other in ({**here, "eres": "9.9"}, {**here, "render": 0}):
         with monkeypatch.context() as patch:
             asked_then_found = iter([other, here, here])
-            patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
+            patch.setattr(scheduler, "_versions", asked_then_found.__next__)
             assert refusal(study) == f"has versions {here}, expected {other}"
     with monkeypatch.context() as patch:
-        patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
+        other = SimpleNamespace(
+            dumps=lambda one: pickle.dumps(replace(one, key="other")), loads=pickle.loads
+        )
+        patch.setattr(scheduler, "pickle", other)
         assert refusal(study).startswith("your own method or weights are not")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
         toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
         patch.setattr(
-            *(cluster_module, "load_scene"),
+            *(scheduler, "load_scene"),
             lambda source, path: replace(load_scene(edited, path), source=source),
         )
         assert refusal(study).startswith(f"scene {scene_folder}: its files differ")
@@ -405,7 +405,7 @@ def test_a_worker_reads_the_path_that_the_study_gives(
     one_worker, scene_folder, tmp_path, monkeypatch
 ):
     """Promise: the path of a study, or of a scene, comes from its file, which must be the same."""
-    monkeypatch.setattr(cluster_module, "compute_job", nothing_computed)
+    monkeypatch.setattr(scheduler, "compute_job", nothing_computed)
     positions_m = [(0.05 * k, -0.4, 1.0) for k in range(6)]
     poses = write_poses(tmp_path, positions_m, [0.2 * k for k in range(6)])
     own = small_carpet_folder(tmp_path / "own")
@@ -418,11 +418,11 @@ def test_a_worker_reads_the_path_that_the_study_gives(
             tiny_study(scene.source, samples=1), evaluate=only(reconstruction=Reconstruction())
         )
         jobs = [QueuedJob(job, job.key, False) for job in jobs_of(study, scene)]
-        with open_scheduler(one_worker.scheduler_address) as computing:
+        with scheduler.open_scheduler(one_worker.scheduler_address) as computing:
             assert len(list(computing.compute(jobs, lambda *_: None))) == len(jobs) == 1
     write_poses(tmp_path, positions_m[::-1], [0.2 * k for k in range(6)])
     with (
-        open_scheduler(one_worker.scheduler_address) as computing,
+        scheduler.open_scheduler(one_worker.scheduler_address) as computing,
         pytest.raises(StudyError, match="its files differ"),
     ):
         list(computing.compute(jobs, lambda *_: None))

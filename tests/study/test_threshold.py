@@ -18,15 +18,14 @@ from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Plot
-from tasks.study.report.sections.threshold import compare_thresholds
-from tasks.study.report.sections.tradeoff import tradeoff_plots
+from tasks.study.report.sections.tradeoff import compare_thresholds, tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.asked import Series
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores, by_photoreceptor
-from tasks.study.results.words import PACKAGED, capitalized
+from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
 """Gain of 1280 px at event integration, by threshold; no other score depends on it."""
@@ -77,9 +76,13 @@ def section_of(page: str) -> str:
     return found[0]
 
 
+def run_with(found: list[Scores]) -> FinishedRun:
+    return FinishedRun(Path(), found, {}, {})
+
+
 def threshold_html(found: list[Scores], series: Series) -> str:
     """Return the section, starting at the part on one series."""
-    page = section("threshold.html", run=FinishedRun(Path(), found, {}, {}))
+    page = section("threshold.html", run=run_with(found))
     return page.partition(f"<summary>{capitalized(series.title)}</summary>")[2]
 
 
@@ -127,7 +130,7 @@ def test_a_width_that_is_struck_out_names_no_tie() -> None:
             for row in rows
         ]
         found = by_threshold(several(rows + idle, (0.2,)))
-        _, choices, _ = compare_thresholds(found, EI, 1e9, PACKAGED)["carpet"]
+        _, choices, _ = compare_thresholds(run_with(found), EI)["carpet"]
         ((cells,),) = (block.values() for block in choices.blocks.values())
         assert cells[0].text == "1280 px"
         assert (cells[0].small, cells[0].kind) == (tied, "" if tied else "struck")
@@ -145,9 +148,7 @@ def test_the_section_has_every_score_and_event_rate() -> None:
     content = threshold_html(by_threshold(several(usual_rows())), EI)
     for place in ("25.09 <small>328 Mev/s", "24.09 <small>164 Mev/s", "21.09 <small>81.9 Mev/s"):
         assert place in content
-    curves, *_ = compare_thresholds(by_threshold(several(usual_rows())), EI, 1e9, PACKAGED)[
-        "carpet"
-    ]
+    curves, *_ = compare_thresholds(run_with(by_threshold(several(usual_rows()))), EI)["carpet"]
     assert points_of(curves) == [len(WIDTHS) * 3] * len(CUTOFFS_HZ)
     heads = re.findall(r">C = ([\d.]+)", content)
     assert heads == ["0.1", "0.2", "0.4"] * 2  # of choices and of numbers
@@ -166,7 +167,7 @@ def test_a_condition_with_lost_samples_has_no_answer() -> None:
     content = threshold_html(by_threshold(rows), EI)
     assert len(choices_of(content)["night"]) == 2
     assert "samples are missing" in content
-    curves, *_ = compare_thresholds(by_threshold(rows), EI, 1e9, PACKAGED)["carpet"]
+    curves, *_ = compare_thresholds(run_with(by_threshold(rows)), EI)["carpet"]
     assert sum(points_of(curves)) == len(CUTOFFS_HZ) * len(WIDTHS) * 3 - 1
 
 
@@ -198,9 +199,8 @@ def test_failures_are_told_beside_the_scores() -> None:
 
 def test_errors_that_span_decades_get_a_logarithmic_axis() -> None:
     """Flow from 0.2 to 4 px: ticks at 0.5, 1 and 2 px."""
-    curves, *_ = compare_thresholds(
-        by_threshold(several(usual_rows(EPF, 3.5))), EPF, 1e9, PACKAGED
-    )["carpet"]
+    run = run_with(by_threshold(several(usual_rows(EPF, 3.5))))
+    curves, *_ = compare_thresholds(run, EPF)["carpet"]
     axis = curves.y
     assert axis.log
     assert {"0.5", "1", "2"} <= {label for _, label in axis.ticks_within(0.2, 4.0)}
@@ -311,7 +311,7 @@ def test_another_threshold_has_no_numbers_of_the_paper() -> None:
     assert "not in the paper at a contrast threshold of 0.4" in table.footnote(table.columns)
     entries = [e for block in table.blocks for line in block.lines for e in line.entries]
     assert all(entry.paper is None for entry in entries)
-    assert "paper" not in repr(tradeoff_plots(scores, EI, 1e9, PACKAGED))
+    assert "paper" not in repr(tradeoff_plots(run_with([scores]), EI))
     assert '<td class="paper">' not in comparison_html(table)
 
 

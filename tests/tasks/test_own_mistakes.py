@@ -30,7 +30,7 @@ from tasks.study.config import (
     preset,
     with_method,
 )
-from tasks.study.run import local, run_study
+from tasks.study.run import run_study, scheduler
 from tasks.study.run.jobs import jobs_of, trials
 from tasks.tracking import TrackingEstimate, TrackingSample, failure_of
 
@@ -169,8 +169,8 @@ def test_a_wrong_method_ends_the_study_on_its_first_sample(
         computed.append(queued.job)
         return real(queued, on_progress)
 
-    real = local.compute_job
-    monkeypatch.setattr(local, "compute_job", compute)
+    real = scheduler.compute_job
+    monkeypatch.setattr(scheduler, "compute_job", compute)
     with pytest.raises(MethodError, match=said) as refused:
         run_study(study, tmp_path / "run")
     assert "\n" not in str(refused.value)
@@ -336,7 +336,7 @@ def test_a_method_of_another_task_is_refused_before_anything_is_rendered(
     eres, scene_folder, tmp_path, monkeypatch
 ):
     """Promise: the annotation tells the task; one line names both tasks, and no files remain."""
-    monkeypatch.setattr(local, "compute_job", None)
+    monkeypatch.setattr(scheduler, "compute_job", None)
     monkeypatch.setitem(globals(), "function", image_of(None))
     for task, name, found in (
         ("flow", "function", "found a function of a ReconstructionSample, which is for reconstruc"),

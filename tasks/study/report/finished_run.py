@@ -138,11 +138,10 @@ class FinishedRun:
         """Return the pictures of each scene, by falling cutoff, then rising speed and sensor."""
         index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
-        pictures: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
         lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]
-        for entry in sorted(lit, key=lambda each: (-each.cutoff_hz, each.speed, sensor_of(each))):
-            pictures[entry.scene].append(entry)
-        return pictures
+        lit.sort(key=lambda each: (-each.cutoff_hz, each.speed, sensor_of(each)))
+        scenes = dict.fromkeys(entry.scene for entry in entries)
+        return {scene: [entry for entry in lit if entry.scene == scene] for scene in scenes}
 
     def _light_of(self, entry: Preview | Intervals) -> float:
         """Return the light of a picture or a histogram, as in `Condition`."""

@@ -147,9 +147,7 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     ours = {f"tradeoff_{m}" for task in TASKS.values() for m in task.methods} | {*_SCALING}
     stale = {figures / f"{name}.{kind}" for name in ours for kind in ("png", "svg")}
     drawn = {
-        re.sub(r"\W+", "_", f"tradeoff_{series.method}"): tradeoff_plots(
-            run.scores, series, run.bus_hz, run.base_speeds
-        )
+        re.sub(r"\W+", "_", f"tradeoff_{series.method}"): tradeoff_plots(run, series)
         for series in filter(is_main, run.series)
     }
     if measured := {name: run.scaling[name] for name in run.scenes if name in run.scaling}:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from tasks.registry import TASKS
@@ -23,8 +22,7 @@ class Text(NamedTuple):
 Rows = Mapping[Text, Sequence[Text]]
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(NamedTuple):
     """A table. `blocks` maps the heading of each block to its rows; "" is no heading."""
 
     caption: str

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
-from tasks.study.report.sections import failures, matrix, scaling, threshold, timings, tradeoff
+from tasks.study.report.sections import failures, matrix, scaling, timings, tradeoff
 from tasks.study.results import asked, comparison, perturbation, scores, words
 from tasks.study.results.choice import capacities_hz
 from tasks.study.results.intervals import BRACKETS
@@ -36,7 +36,7 @@ TEMPLATES.globals |= {
     "TRACKING": perturbation.TRACKING,
 }
 for _module in (
-    *(failures, matrix, scaling, threshold, timings, tradeoff),
+    *(failures, matrix, scaling, timings, tradeoff),
     *(asked, comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {

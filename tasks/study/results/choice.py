@@ -17,7 +17,7 @@ from tasks.study.results.asked import MetersPerSecond, SensorId, Series
 from tasks.study.results.intervals import lead_over
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import BaseSpeeds, join_words, setting_label
-from tasks.study.sensors import AREA
+from tasks.study.settings import AREA
 
 _MOST_TOLD = 6  # conditions in which the choices differ
 

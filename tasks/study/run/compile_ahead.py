@@ -49,15 +49,14 @@ def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]
         for name in settings.methods
         if task in _SAMPLES and name in TASKS[task].methods
     }
-    calls = {}
+    calls = []
     if cores() > 1 and not is_cached(advance_pixels):
-        calls["compile_sensor"] = ""
+        calls.append("compile_sensor()")
     if cores() > 1 and methods and not _any_is_cached(methods):
-        calls["compile_methods"] = f"{sorted(methods)!r}"
-    codes = [f"from {__name__} import {name}; {name}({given})" for name, given in calls.items()]
-    null = subprocess.DEVNULL
-    commands = [[sys.executable, "-P", "-c", code] for code in codes]
-    processes = [subprocess.Popen(command, stdout=null, stderr=null) for command in commands]
+        calls.append(f"compile_methods({sorted(methods)!r})")
+    python, null = [sys.executable, "-P", "-c"], subprocess.DEVNULL
+    codes = [f"from {__name__} import compile_methods, compile_sensor; {call}" for call in calls]
+    processes = [subprocess.Popen([*python, code], stdout=null, stderr=null) for code in codes]
     try:
         yield
     finally:

@@ -2,20 +2,32 @@
 
 The estimate is rough, as image motion and event rates are known only afterwards. The constants
 are between those of the paper preset on two cores of a virtual AMD EPYC server and of a virtual
-Intel Xeon server, which needs a quarter more, with LLVM and looked-up light.
+Intel Xeon server, which needs a quarter more, with LLVM and looked-up light. The pace of a machine
+is how many times as long its jobs take as their estimates say. The cache keeps it, so that
+estimates of the next study follow a slow machine from the start.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from eres_render.errors import RenderError
+from eres_render.storage.atomic import write_bytes
+from eres_render.storage.cache import cache_dir
+from eres_render.storage.settings_reader import read_json
 from eres_render.trajectory.frame_times import plane_image_motion
+from tasks.errors import ResultError
 from tasks.evaluation.sensor_setting import Setting
+from tasks.evaluation.timings import JobTimings
+from tasks.provenance import VARIANT
 from tasks.registry import TASKS
 from tasks.study.run.frame_cache import limit_bytes
 from tasks.study.run.jobs import Job
@@ -29,6 +41,11 @@ _RENDER_NS_WITH_DEPTH = (70, 5.2)
 # One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
 _SIMULATE_NS_PER_PX = {"two_pole": 8.5, "one_pole": 8.5, "v2e": 27}
 _EMULATE_NS_PER_PX = 15  # one core, per pixel and frame that it sees
+
+_KEPT_S = 4 * 3600.0  # of the latest jobs, as other work on a machine comes and goes
+_PRIOR_S = 60.0  # as if so much were done as estimated, so that small jobs decide little
+
+_Sums = dict[str, tuple[float, float]]  # estimated and measured core seconds, by machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,30 +74,8 @@ class JobEstimate:
         return self.frames_s + self.samples_s
 
 
-@dataclass(frozen=True, slots=True)
-class WorkEstimate:
-    """Estimated work of jobs."""
-
-    jobs: int
-    frames: int
-    frame_bytes: float
-    seconds: float
-    pace: float | None
-
-    def text(self) -> str:
-        """Return the estimate as one line of text."""
-        hours, minutes = divmod(round(self.seconds / 60), 60)
-        time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
-        size = min(self.frame_bytes, limit_bytes())
-        whose = "a fast server's pace" if self.pace is None else "this machine's pace"
-        return (
-            f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{size / 1e9:.2g} GB on disk, {time} at {whose}"
-        )
-
-
-def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) -> WorkEstimate:
-    """Estimate the work of jobs; frames in the cache count as if they were missing.
+def work_text(jobs: Sequence[Job], cores: int, pace: float | None = None) -> str:
+    """Estimate the work of jobs, in a line; frames in the cache count as if they were missing.
 
     Parameters
     ----------
@@ -88,9 +83,15 @@ def estimate_work(jobs: Sequence[Job], cores: int, pace: float | None = None) ->
         Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
     """
     each = [estimate_job(job) for job in jobs]
-    frames, size = sum(job.frames for job in each), sum(job.frame_bytes for job in each)
     seconds = sum(job.core_s for job in each) / cores * (1.0 if pace is None else pace)
-    return WorkEstimate(len(jobs), frames, size, seconds, pace)
+    hours, minutes = divmod(round(seconds / 60), 60)
+    time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
+    size = min(sum(job.frame_bytes for job in each), limit_bytes())
+    whose = "a fast server's pace" if pace is None else "this machine's pace"
+    return (
+        f"{len(each)} job{'s' * (len(each) != 1)} to do: about {sum(job.frames for job in each)} "
+        f"frames, {size / 1e9:.2g} GB on disk, {time} at {whose}"
+    )
 
 
 def estimate_job(job: Job) -> JobEstimate:
@@ -127,8 +128,52 @@ def _frames(job: Job) -> int:
     if plane is None:
         motion_px = (end_s - start_s) * _IMAGE_MOTION_PX_S * job.render.resolution / 1280
     else:
-        camera = job.scene.camera(job.render.resolution, job.render.height)
-        moved = plane_image_motion(job.scene.trajectory(camera), camera, plane)
+        moved = plane_image_motion(job.scene.trajectory(job.camera), job.camera, plane)
         times_s = np.linspace(start_s, end_s, _PARTS + 1).tolist()
         motion_px = sum(moved(start, end) for start, end in pairwise(times_s))
     return 2 + round(motion_px / job.render.max_displacement_px)
+
+
+def pace_of(environment: Mapping[str, str]) -> float | None:
+    """Return the pace of a machine.
+
+    Returns
+    -------
+    Measured core seconds of the machine's latest jobs over the estimated ones; None if the cache
+    knows of none.
+    """
+    sums = _read().get(_machine(environment))
+    return None if sums is None else (sums[1] + _PRIOR_S) / (sums[0] + _PRIOR_S)
+
+
+def add_job(environment: Mapping[str, str], estimate: JobEstimate, timings: JobTimings) -> None:
+    """Let a job count for the pace of its machine.
+
+    Parameters
+    ----------
+    estimate
+        Its estimated work; only the share of the frames counts that was not in the cache.
+    """
+    cached = 1.0 - min(1.0, timings.rendered_frames / estimate.frames)
+    sums, machine = _read(), _machine(environment)
+    told_s, took_s = sums.get(machine, (0.0, 0.0))
+    told_s += estimate.core_s - cached * estimate.render_s
+    took_s += timings.core_s
+    share = min(1.0, _KEPT_S / told_s)
+    sums[machine] = share * told_s, share * took_s
+    with suppress(RenderError):  # a study does not fail for it
+        write_bytes(_file(), json.dumps(sums, indent=1).encode())
+
+
+def _machine(environment: Mapping[str, str]) -> str:
+    return ", ".join(environment.get(name, "") for name in ("processor", "cores", VARIANT))
+
+
+def _read() -> _Sums:
+    with suppress(ResultError):  # missing, or damaged
+        return read_json(_Sums, _file(), ResultError)
+    return {}
+
+
+def _file() -> Path:
+    return cache_dir() / "pace.json"

@@ -65,10 +65,9 @@ def _root() -> Path:
 def _clips() -> dict[Path, int]:
     """Return the clips and their sizes in bytes, the least recently used first."""
     used_s = {}
-    for folder in _root().iterdir() if _root().is_dir() else ():
+    for folder in _root().glob("*/"):
         with suppress(FileNotFoundError):  # another process has just deleted it
-            if folder.is_dir():
-                used_s[folder] = folder.stat().st_mtime
+            used_s[folder] = folder.stat().st_mtime
     return {folder: _bytes_in(folder) for folder in sorted(used_s, key=used_s.__getitem__)}
 
 

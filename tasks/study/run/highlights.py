@@ -1,20 +1,43 @@
-"""Highlights of a scene for the report: pictures and scaling statistics."""
+"""Highlights of a scene for the report: a frame, films of each sensor's events, and L_t.
+
+All pictures show the image center.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from io import BytesIO
+from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from eres_render import RadianceSequence
-from sensor import Events
+from eres_render.cores import cores
+from sensor import Events, SensorModel
+from sensor.optics import crop_to_aspect
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.sensor_setting import Setting
-from tasks.study.results.asked import CutoffInLux, SensorId
+from tasks.study.results.asked import CutoffInLux, SensorId, lux_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
-from tasks.study.run.jobs import QueuedJob
-from tasks.study.run.previews import Film, preview_files
-from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
+from tasks.study.results.scaling import Scaling
+from tasks.study.run.jobs import Job, QueuedJob
+from tasks.study.run.scaling import interval_histogram, measure_scaling
+
+BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
+MAX_FILM_BYTES = 192_000
+_GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film; the first that fits is used
+_CONTRAST = 0.6  # of the frames in a film: 1 is from black to `NONE`
+_GAMMA = 2.2
+_SIDE_PX = 320
+_VIEW = 0.25  # of the image's width, around its center; at most its height
+_SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
 class Highlights:
@@ -26,30 +49,26 @@ class Highlights:
     """
 
     def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
-        job = queued.job
-        speeds = job.simulate.speeds
-        self._job, self._key, self._first = job, queued.key, settings[0].model
+        self._queued, self._first = queued, settings[0].model
+        render, speeds = queued.job.render, queued.job.simulate.speeds
+        size = render.height_at(render.resolution), render.resolution
         pixels = {replace(s, name="", readout=None): s for s in reversed(settings)}
-        settings = [s for s in settings if s in {*pixels.values()}]
-        firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
-        self._used = set(firsts.values())
-        height, width = job.render.height_at(job.render.resolution), job.render.resolution
-        self._films = {_sensor_of(s): Film.of(s.model, height, width) for s in settings}
+        kept = [s for s in settings if s in {*pixels.values()}]
+        used = {(*_sensor_of(s), s.speed): s for s in reversed(kept)}.values()
+        settings = [s for s in kept if s in used]
+        self._films = {s: Film(s.model, *size) for s in settings if s.speed == speeds[0]}
         self._histograms = {
-            (*_sensor_of(s), s.speed): interval_histogram(s.model, (s.start_us, s.end_us))
+            s: interval_histogram(s.model, (s.start_us, s.end_us))
             for s in settings
             if s.speed in (min(speeds), max(speeds))
         }
 
     def push(self, setting: Setting, events: Events) -> None:
         """Add the next events of one sensor."""
-        if setting not in self._used:
-            return
-        key = _sensor_of(setting)
-        if histogram := self._histograms.get((*key, setting.speed)):
+        if histogram := self._histograms.get(setting):
             histogram.add(events)
-        if setting.speed == self._job.simulate.speeds[0]:
-            self._films[key].add(events, setting.end_us)
+        if film := self._films.get(setting):
+            film.add(events, setting.end_us)
 
     def result(self, reference: ReferenceFrames, sequence: RadianceSequence) -> dict[str, bytes]:
         """Return the highlights, after the last event.
@@ -58,15 +77,16 @@ class Highlights:
         -------
         Files by path in the run's folder.
         """
-        speed = self._job.simulate.speeds[0]
-        ago_s = FILM_S * speed * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
+        job = self._queued.job
+        ago_s = FILM_S * job.simulate.speeds[0] * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
         shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
         white = np.float32(np.exp(reference.log_white(self._first)))
         frames = [sequence.frame(int(i)) / white for i in shown]
-        previews = preview_files(self._job, frames, self._films)
+        previews = preview_files(job, frames, {_sensor_of(s): f for s, f in self._films.items()})
+        histograms = {(*_sensor_of(s), s.speed): h for s, h in self._histograms.items()}
         dark_level = self._first.dark_level or 0.0
-        scaling, slope = measure_scaling(reference.sequence, dark_level, self._histograms)
-        scaling = replace(scaling, job=self._key)
+        scaling, slope = measure_scaling(reference.sequence, dark_level, histograms)
+        scaling = replace(scaling, job=self._queued.key)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},
             **{f"scaling/{name}": data for name, data in scaling_files(scaling, slope).items()},
@@ -77,3 +97,171 @@ def _sensor_of(setting: Setting) -> tuple[SensorId, float]:
     """Return sensor and light; in lux, a profile may give a sensor another cutoff in this light."""
     lux, sensor = setting.illuminance_lux, SensorId(setting.model.width, setting.name)
     return sensor, CutoffInLux(lux) if lux else setting.model.cutoff_hz
+
+
+class Film:
+    """Events of a sensor in the center of the frames.
+
+    Parameters
+    ----------
+    frame_height, frame_width
+        Size of the frames, px; sensors of all shapes show the same part, if they see it.
+
+    Attributes
+    ----------
+    sums : (`FILM_PICTURES`, side, side) int16
+        Sums of polarities of the sensor's central pixels.
+    part_px
+        Side of the part of a frame that these pixels see, px.
+    """
+
+    def __init__(self, sensor: SensorModel, frame_height: int, frame_width: int) -> None:
+        sees = crop_to_aspect(frame_height, frame_width, sensor.height, sensor.width)[1]
+        scale = sensor.width / (sees.stop - sees.start)
+        *_, part = central_area(frame_height, frame_width)
+        side = max(2, min(round(part * scale), sensor.height, sensor.width))
+        self.sums = np.zeros((FILM_PICTURES, side, side), np.int16)
+        self.part_px = round(side / scale)
+
+    def add(self, events: Events, end_us: int) -> None:
+        """Add events.
+
+        Parameters
+        ----------
+        events
+            Events of the whole sensor; those outside of the film's time do not count.
+        """
+        start_us, side = end_us - round(FILM_S * 1e6), self.sums.shape[1]
+        last = events.between(start_us, end_us)
+        top, left = (events.height - side) // 2, (events.width - side) // 2
+        y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
+        inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
+        picture = (last.t_us[inside] - start_us) * FILM_PICTURES // (end_us - start_us)
+        np.add.at(self.sums, (picture, y[inside], x[inside]), last.p[inside])
+
+
+def preview_files(
+    job: Job, frames: Sequence[NDArray[np.float32]], films: Mapping[tuple[SensorId, float], Film]
+) -> dict[str, bytes]:
+    """Draw a job's previews.
+
+    Parameters
+    ----------
+    frames
+        (H, W) radiance at the end of each picture of a film, in units of white.
+    """
+    scene, speed = job.scene.name, job.simulate.speeds[0]
+
+    def drawn(film: Film) -> bytes:
+        lights = [_seen(frame, film.part_px, film.sums.shape[1]) for frame in frames]
+        return film_strip(np.stack(lights), film.sums)
+
+    last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
+    gray = png(np.repeat(last.astype(np.uint8)[..., None], 3, axis=2))
+    whole = SensorId(job.render.resolution)
+    pictures = [("frame", whole, math.inf, "radiance at the window's end", "png", gray)]
+    with ThreadPoolExecutor(cores()) as pool:
+        for (sensor, light), data in zip(films, pool.map(drawn, films.values()), strict=True):
+            pictures.append(("events", sensor, light, sensor.label, "webp", data))
+    files: dict[str, bytes] = {}
+    index: list[dict[str, Any]] = []
+    for kind, sensor, light, caption, end, data in pictures:
+        cutoff_hz = repr(float(light)).removesuffix(".0")  # JSON has no inf
+        number = f"_{len(files)}" if sensor.name else ""  # a name may have any characters
+        file = f"{scene}_{kind}_{sensor.width}_{cutoff_hz}{number}.{end}"
+        files[file] = data
+        entry = {"file": file, "scene": scene, "speed": speed, "kind": kind}
+        entry |= {"width": sensor.width, "sensor": sensor.name}
+        entry |= {"cutoff_hz": cutoff_hz, "illuminance_lux": lux_of(light)}
+        index.append({**entry, "caption": caption})
+    files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
+    return files
+
+
+def _seen(frame: NDArray[np.float32], part_px: int, side: int) -> NDArray[np.float32]:
+    """Return the center of a frame as a sensor of `side` px there sees it, tone-mapped."""
+    top, left = (frame.shape[0] - part_px) // 2, (frame.shape[1] - part_px) // 2
+    center = np.clip(frame[top : top + part_px, left : left + part_px], 0, 1)
+    image = cv2.resize(center, (side, side), interpolation=cv2.INTER_AREA)
+    return (image ** (1 / _GAMMA)).astype(np.float32)
+
+
+def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
+    """Return the files of a scene.
+
+    Parameters
+    ----------
+    slope
+        (H, W) L_t, 1/s.
+    """
+    strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
+    share = central_crop(strength)[..., None]
+    color = np.where(share > 0, BRIGHTER, DARKER)
+    picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
+    numbers = asdict(scaling)
+    for histogram in numbers["intervals"]:
+        histogram["cutoff_hz"] = repr(histogram["cutoff_hz"])  # JSON has no inf
+    return {
+        f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
+        f"{scaling.scene}.json": json.dumps(numbers).encode(),
+    }
+
+
+def central_area(height: int, width: int) -> tuple[int, int, int]:
+    """Return the center of an image.
+
+    Parameters
+    ----------
+    height, width
+        Size of the image, px.
+
+    Returns
+    -------
+    row, column, side
+        First row, first column and side, px.
+    """
+    side = max(2, min(round(width * _VIEW), height))
+    return (height - side) // 2, (width - side) // 2, side
+
+
+def central_crop(image: NDArray) -> NDArray:
+    """Return the center of an image, enlarged to a preview by nearest neighbors."""
+    y, x, side = central_area(*image.shape)
+    k = (np.arange(_SIDE_PX) * side) // _SIDE_PX
+    return image[y + k[:, None], x + k]
+
+
+def png(rgb: NDArray[np.uint8]) -> bytes:
+    """Return the bytes of a PNG file."""
+    _, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    return data.tobytes()
+
+
+def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
+    """Draw the events of a film over its frames.
+
+    Parameters
+    ----------
+    lights
+        (N, side, side) frames, tone-mapped to [0, 1].
+    sums
+        (N, side, side) sums of polarities: blue if positive, red if negative.
+
+    Returns
+    -------
+    bytes
+        A lossless WebP file with the N pictures side by side. Its frames have the most gray levels
+        with which the file has at most `MAX_FILM_BYTES`, or one.
+    """
+    colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)[np.sign(sums) + 1]
+    data = b""
+    for levels in _GRAYS:
+        dark = np.round((1 - lights) * (levels - 1)) / max(levels - 1, 1)
+        pale = np.round(np.array(NONE) * (1 - _CONTRAST * dark[..., None])).astype(np.uint8)
+        drawn = np.where(sums[..., None] != 0, colors, pale)
+        file = BytesIO()
+        Image.fromarray(np.concatenate(drawn, axis=1)).save(file, "WEBP", lossless=True, quality=50)
+        data = file.getvalue()
+        if len(data) <= MAX_FILM_BYTES:
+            break
+    return data

@@ -10,7 +10,8 @@ from itertools import chain
 
 import numpy as np
 
-from eres_render import Clip, Scene, Trajectory, clips, continuous_stretch
+from eres_render import Camera, Clip, Renderer, Scene, Trajectory, clips, continuous_stretch
+from eres_render.progress import Progress
 from tasks.errors import StudyError
 from tasks.evaluation.sensor_setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
@@ -20,7 +21,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
-from tasks.study.sensors import own_of
+from tasks.study.settings import own_of
 from tasks.warm_up import needed_s
 
 _log = logging.getLogger(__name__)
@@ -41,6 +42,17 @@ class Job:
     simulate: Simulate
     evaluate: Mapping[str, TaskSettings]
     scale: float = 1.0
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the frames."""
+        return self.scene.camera(self.render.resolution, self.render.height)
+
+    def renderer(self, on_progress: Progress) -> Renderer:
+        """Load the scene."""
+        render = self.render
+        sampled = render.resolution, render.spp, render.seed
+        return Renderer(self.scene, *sampled, on_progress=on_progress, camera=self.camera)
 
     @property
     def key(self) -> str:
@@ -169,19 +181,18 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     if not planned:
         raise StudyError(f"evaluate: no method suits {scene.name}; add a suitable method")
     on = {stretches: _on(stretches, study) for stretches in planned}
-    for stretches, (render, simulate, _) in on.items():
-        rules.check_speeds(_place_of_speeds(simulate, stretches), simulate, render)
+    for render, simulate, _, place in on.values():
+        rules.check_speeds(place, simulate, render)
         rules.check_buses(simulate, render)
-    rules.check_warm_up([on[at] for at in planned if not at.continuous_s], scene)
+    rules.check_warm_up([on[at][:3] for at in planned if not at.continuous_s], scene)
     jobs = []
     for stretches in sorted(planned):
-        tasks, (render, simulate, before_s) = planned[stretches], on[stretches]
+        tasks, (render, simulate, before_s, place) = planned[stretches], on[stretches]
         if stretches.continuous_s:
             spread = [_continuous_clip(scene, *stretches.continuous_s)]
         else:
             spread = _spread_clips(render, scene, simulate, before_s)
         if isinstance(tracking := tasks.get("tracking"), Tracking):
-            place = _place_of_speeds(simulate, stretches)
             left_s = path.duration_s - max(clip.t_window_start_s for clip in spread)
             rules.check_tracked(place, render, simulate, 1e-6 * tracking.delay_us, left_s)
         jobs += [Job(scene, clip, study.render, simulate, tasks, scale) for clip in spread]
@@ -219,22 +230,18 @@ def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettin
     return tasks_on
 
 
-def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
-    """Return render, sensors, and the seconds between their warm-up and the scored window."""
+def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float, str]:
+    """Return render, sensors, the seconds between their warm-up and the scored window, and the
+    field with the speeds."""
     render, simulate = study.render, study.simulate
     before_s = stretches.windows_before * render.window_s
+    place = f"simulate.{'speeds' if simulate.speeds_m_s is None else 'speeds_m_s'}"
     if stretches.window_s:
         render = replace(render, window_s=stretches.window_s)
     if stretches.speeds:
         simulate = replace(simulate, speeds=stretches.speeds, speeds_m_s=None)
-    return render, simulate, before_s
-
-
-def _place_of_speeds(simulate: Simulate, stretches: Stretches) -> str:
-    """Return the name of the field with the speeds of some stretches."""
-    if stretches.speeds:
-        return "evaluate.flow.fast_speed"
-    return f"simulate.{'speeds' if simulate.speeds_m_s is None else 'speeds_m_s'}"
+        place = "evaluate.flow.fast_speed"
+    return render, simulate, before_s, place
 
 
 def _continuous_clip(scene: Scene, run_in_s: float, duration_s: float) -> Clip:
@@ -273,9 +280,8 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     job uses the same frames later, except on a continuous stretch, of which a trial renders only
     one window.
     """
-    known = _own_methods_of(done)
-    new = [method for method in _own_methods_of(to_do) if method not in known]
-    tried = []
+    known, tried = methods_of(done), []
+    new = [at for at in methods_of(to_do) if TASKS[at[0]].is_own(at[1]) and at not in known]
     for job in to_do:
         fitting = [method for method in new if _suits(study, job, *method)]
         if fitting:
@@ -288,11 +294,6 @@ def methods_of(jobs: Iterable[Job]) -> dict[tuple[str, str], None]:
     """Return task and name of each method of some jobs, once and in their order."""
     tasks = (item for job in jobs for item in job.evaluate.items())
     return dict.fromkeys((task, name) for task, of_task in tasks for name in of_task.methods)
-
-
-def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
-    """Return task and name of each of the user's own methods."""
-    return [(task, name) for task, name in methods_of(jobs) if TASKS[task].is_own(name)]
 
 
 def _suits(study: Study, job: Job, task: str, method: str) -> bool:

@@ -1,19 +1,22 @@
-"""The folder of a run: what earlier starts have finished, and what this one adds."""
+"""The folder of a run: what earlier starts have finished, and what this one adds.
+
+Claims and report read the folder of a run on recorded events like any other.
+"""
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.atomic import write_bytes
+from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.timings import timings_file
-from tasks.provenance import check_renderer, command, together
+from tasks.provenance import check_renderer, command, environment, together
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.results.previews import INDEX_NAME, Preview
 from tasks.study.results.scaling import Scaling
@@ -91,12 +94,9 @@ class RunFolder:
 
     def finish(self, study: Mapping[str, Any]) -> list[Row]:
         """Write the rows of all jobs, and what describes them."""
-        files = [self._previews_of(name) for name in self._first]
-        if lists := [
-            read_json(tuple[dict[str, Any], ...], file, ResultError)
-            for file in files
-            if file.exists()
-        ]:
+        files = [file for name in self._first if (file := self._previews_of(name)).exists()]
+        if files:
+            lists = (read_json(tuple[dict[str, Any], ...], file, ResultError) for file in files)
             every = chain.from_iterable(lists)
             pictures = [entry for entry in every if (self._index.parent / entry["file"]).exists()]
             self._write(f"previews/{INDEX_NAME}", pictures)
@@ -180,3 +180,30 @@ def _environment_so_far(folder: Path) -> dict[str, str]:
     except ResultError as error:
         _log.warning("%s; the versions and machines of the finished jobs are lost", error)
         return {}
+
+
+def check_recorded(out: Path) -> None:
+    """Refuse to write into the folder of a rendered study."""
+    file = out / "study.json"
+    if file.exists() and "recorded" not in read_json(dict[str, Any], file, StudyError):
+        raise StudyError(f"{file}: belongs to a rendered study; choose another --out")
+
+
+def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:
+    """Write study.json and environment.json of a run; the caller adds rows.parquet.
+
+    Parameters
+    ----------
+    recordings
+        Folders of the events; study.json lists them under `recorded`, in place of the settings of
+        a rendered study.
+    """
+    config = {
+        "name": "rig",
+        "question": "Which distance from the print is best?",
+        "recorded": [str(folder.absolute()) for folder in recordings],
+        "evaluate": dict(settings),
+    }
+    versions = {"command": command(), **environment()}
+    for name, content in (("study.json", config), ("environment.json", versions)):
+        write_text(out / name, json.dumps(content, indent=1) + "\n")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +17,17 @@ from tasks.row import Row
 from tasks.study import rules
 from tasks.study.config import Study, to_json
 from tasks.study.results.words import distances_label
-from tasks.study.run.estimate import estimate_job, estimate_work
+from tasks.study.run.estimate import add_job, estimate_job, pace_of, work_text
 from tasks.study.run.jobs import (
+    Job,
     QueuedJob,
     check_weights,
     distance_m_of,
     jobs_of,
     methods_of,
-    scale_of,
     trials,
     weight_digests,
 )
-from tasks.study.run.pace import add_job, pace_of
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import open_scheduler
 
@@ -89,12 +87,11 @@ def run_study(
         sizes = [(model.width, model.height) for *_, model in study.simulate.models(study.render)]
         speeds = study.simulate.speeds_m_s or study.simulate.speeds
         check_methods(study.evaluate, sizes * len(speeds))
-        scenes = _scenes(study)
         weights = weight_digests(study.evaluate)  # before the keys, which have them too
-        work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
+        work = {job.key: job for scene in _scenes(study) for job in jobs_of(study, scene)}
         rules.check_compares(methods_of(work.values()))
         folder = RunFolder(out, work, mix=mix)
-        resolved = _resolved(study, scenes, work)
+        resolved = _resolved(study, work)
         if study.simulate.distance_m is None and (own_m := resolved.get("plane_distance_m")):
             _log.info("speeds in m/s apply at each scene's distance: %s", distances_label(own_m))
         to_do = folder.to_do()
@@ -104,17 +101,17 @@ def run_study(
         here = computing.environment()
         folder.check(here)
         jobs = [queued.job for queued in to_do]
-        _log.info("%s", estimate_work(jobs, computing.cores, pace_of(here)).text())
+        _log.info("%s", work_text(jobs, max(1, computing.cores), pace_of(here)))
         if new := trials(study, jobs, [work[key] for key in folder.finished]):
             # A mistake in the user's own methods shows at once, not hours later.
             _log.info("trying your own methods on one sample first")
             trying = [QueuedJob(job, job.key, False) for job in new]
-            for _ in computing.compute(trying, _Counted(on_progress, len(new))):
+            for _ in computing.compute(trying, _counted(on_progress, [], len(new))):
                 pass  # the study does not keep these scores
         lacking = {queued.key for queued in to_do}
-        finished = [job for key, job in work.items() if key not in lacking]
-        finished_s = sum(estimate_job(job).core_s for job in finished)
-        counted = _Counted(on_progress, len(work), len(finished), finished_s)
+        done = [key for key in work if key not in lacking]
+        before_s = sum(estimate_job(work[key]).core_s for key in done)
+        counted = _counted(on_progress, done, len(work), before_s)
         try:
             with locked(out / ".lock", wait=False):
                 clear_unfinished(out)
@@ -122,7 +119,7 @@ def run_study(
                 for nth, (queued, computed) in enumerate(computing.compute(to_do, counted)):
                     check_weights(study.evaluate, weights)
                     folder.keep(queued, computed)
-                    counted.done += 1
+                    done.append(queued.key)
                     if nth and here:  # the first one compiles; workers may share their cores
                         add_job(here, estimate_job(queued.job), computed.timings)
         except LockedError:
@@ -130,17 +127,16 @@ def run_study(
     return folder.finish(resolved)
 
 
-def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
+def _resolved(study: Study, jobs: Mapping[str, Job]) -> dict[str, Any]:
     """Return the study with its defaults, what follows for each scene, and the keys of jobs."""
     simulate = study.simulate
     speeds, distances = {}, {}
-    for scene in scenes:
-        path = scene.trajectory(scene.camera(study.render.resolution, study.render.height))
-        scale = scale_of(simulate, scene, path)
-        speeds[scene.name] = round(scale * path.mean_speed_mps(scene.duration_s), 6)
+    for job in {job.scene.name: job for job in jobs.values()}.values():
+        scene, path = job.scene, job.scene.trajectory(job.camera)
+        speeds[scene.name] = round(job.scale * path.mean_speed_mps(scene.duration_s), 6)
         own_m = distance_m_of(scene, path)
         if simulate.speeds_m_s and own_m and not simulate.same_lens:  # whose widths have their own
-            distances[scene.name] = round(scale * own_m, 6)
+            distances[scene.name] = round(job.scale * own_m, 6)
     follows: dict[str, Any] = {"assumes": simulate.assumes, "base_m_per_s": speeds}
     if distances:
         follows["plane_distance_m"] = distances
@@ -155,25 +151,20 @@ def _scenes(study: Study) -> list[Scene]:
     return scenes
 
 
-@dataclass(slots=True)
-class _Counted:
-    """Progress among all jobs of a run, of which earlier starts finished some.
+def _counted(
+    on_progress: Progress, done: Sequence[str], total: int, before_s: float = 0.0
+) -> Progress:
+    """Return what reports the progress of some jobs among all jobs of a run.
 
     Parameters
     ----------
-    on_progress
-        Called with the number of finished jobs before each text.
-    total, done
-        Number of all jobs and of the finished ones.
+    done, total
+        Keys of the finished jobs, to which a run adds, and number of all jobs.
     before_s
         Estimated core seconds of the jobs that earlier starts finished.
     """
 
-    on_progress: Progress
-    total: int
-    done: int = 0
-    before_s: float = 0.0
+    def on_jobs(stage: str, done_s: float, of_s: float, /) -> None:
+        on_progress(f"{len(done)}/{total} jobs: {stage}", before_s + done_s, before_s + of_s)
 
-    def __call__(self, stage: str, done: float, total: float, /) -> None:
-        text = f"{self.done}/{self.total} jobs: {stage}"
-        self.on_progress(text, self.before_s + done, self.before_s + total)
+    return on_jobs

@@ -1,14 +1,8 @@
-"""Measure the scaling statistics of one clip, and draw L_t.
-
-They show why finer sensors fire faster. A run keeps the numbers in `scaling/SCENE.json`, and the
-picture of L_t in `scaling/SCENE.png`.
-"""
+"""Measure the scaling statistics of one clip, which show why finer sensors fire faster."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +19,9 @@ from sensor.statistics import (
 )
 from tasks.study.results.asked import SensorId, lux_of
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
 
 _ROWS_USED = 320  # about, of each sensor, evenly spread
 _BIN_EDGES_US = log_bin_edges_us()
-_SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
 def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> IntervalHistogram:
@@ -91,24 +83,3 @@ def _slopes(
     fitted = slopes.sizes_px <= FIT_PX
     law = fit_power_law(slopes.sizes_px[fitted], blocks[:, fitted], weights)
     return Slopes(tuple(np.average(blocks, axis=0, weights=weights).tolist()), law)
-
-
-def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
-    """Return the files of a scene.
-
-    Parameters
-    ----------
-    slope
-        (H, W) L_t, 1/s.
-    """
-    strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
-    share = central_crop(strength)[..., None]
-    color = np.where(share > 0, BRIGHTER, DARKER)
-    picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
-    numbers = asdict(scaling)
-    for histogram in numbers["intervals"]:
-        histogram["cutoff_hz"] = repr(histogram["cutoff_hz"])  # JSON has no inf
-    return {
-        f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
-        f"{scaling.scene}.json": json.dumps(numbers).encode(),
-    }

@@ -16,7 +16,7 @@ from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
 from tasks.study.config import preset, to_json
 from tasks.study.results.scores import Scores
-from tasks.study.run.recorded import write_recorded
+from tasks.study.run.run_folder import write_recorded
 
 INF = float("inf")
 SERIES = {

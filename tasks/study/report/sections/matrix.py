@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from tasks.registry import TASKS
@@ -20,7 +19,6 @@ from tasks.study.results.words import (
     join_words,
     rate_label,
     setting_label,
-    speed_label,
 )
 
 
@@ -33,8 +31,7 @@ class Shown(NamedTuple):
     fineness: str = "0%"
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """The answer for a task in one light at one speed.
 
     Attributes
@@ -54,14 +51,6 @@ class Answer:
     tied: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Answers on one scene: a speed for each column of a light, a row for each task."""
-
-    speeds: Sequence[str]
-    rows: Mapping[Text, Sequence[Answer]]
-
-
 def matrix(run: FinishedRun) -> dict[str, object]:
     """Return the answers of a run: the main methods at the speeds that all have, or else most.
 
@@ -73,8 +62,10 @@ def matrix(run: FinishedRun) -> dict[str, object]:
         Tasks in which doing nothing was scored, and was not.
     widths
         Those of the sensors, px, each once.
-    lights, blocks
-        Lights as groups of columns, and a `Block` of rows for each scene.
+    lights, speeds
+        Lights as groups of columns, and a speed for each column of a light.
+    rows
+        Answers for each scene and task.
     """
     scores = run.scores
     main = [series for series in run.series if is_main(series)] or run.firsts
@@ -83,9 +74,8 @@ def matrix(run: FinishedRun) -> dict[str, object]:
     pairs = [(series, scene) for series in main for scene in scores.scenes(series)]
     counts = Counter(speed for pair in pairs for speed in scores.speeds(*pair))
     speeds = sorted(speed for speed in counts if counts[speed] == max(counts.values()))
-    blocks = {}
-    for scene in run.scenes:
-        rows = {
+    rows: dict[str, dict[Text, list[Answer]]] = {
+        scene: {
             row: [
                 _answer(run, series, (scene, hz, speed), widths, others)
                 for hz in cutoffs_hz
@@ -95,17 +85,23 @@ def matrix(run: FinishedRun) -> dict[str, object]:
             if {*speeds} & {*scores.speeds(series, scene)}
             for row, others in _rows(scores, series)
         }
-        blocks[scene] = Block([speed_label(scene, v, run.base_speeds) for v in speeds], rows)
+        for scene in run.scenes
+    }
     metrics = dict.fromkeys(TASKS[series.task].metric for series in main)
     tasks = dict.fromkeys(TASKS[series.task].title for series in main)
-    compared = {TASKS[series.task].title for series in main if _has_baseline(scores, series)}
+    compared = {
+        TASKS[series.task].title
+        for series in main
+        if any(scores.baseline(series, at).median is not None for at in scores.conditions(series))
+    }
     return {
         "near": join_words([metric.near for metric in metrics], "or"),
         "compared": [task for task in tasks if task in compared],
         "uncompared": [task for task in tasks if task not in compared],
         "widths": widths,
         "lights": [*map(cutoff_text, cutoffs_hz)],
-        "blocks": blocks,
+        "speeds": speeds,
+        "rows": rows,
     }
 
 
@@ -115,12 +111,6 @@ def _rows(scores: Scores, series: Series) -> list[tuple[Text, list[SensorId]]]:
     if not designs:
         return [(Text(capitalized(TASKS[series.task].title), label), [])]
     return [(Text(capitalized(label), name), others) for name, others in designs.items()]
-
-
-def _has_baseline(scores: Scores, series: Series) -> bool:
-    """Return whether doing nothing was scored under any condition of a series."""
-    idle = (scores.baseline(series, where) for where in scores.conditions(series))
-    return any(cell.median is not None for cell in idle)
 
 
 def _answer(
