@@ -61,7 +61,7 @@ class Response(NamedTuple):
     steps: int
 
 
-def read_steps(where: str, recording: Path, format: str | None = None) -> Int64:
+def read_steps(where: str, recording: str | Path, format: str | None = None) -> Int64:
     """Read the times at which the light steps up.
 
     Parameters

@@ -48,7 +48,7 @@ class Calibration(NamedTuple):
     distortion: NDArray[np.float64]
 
 
-def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
+def read_calibration(path: str | Path, size: tuple[int, int]) -> Calibration:
     """Read the lens of a camera, from a file as in the RPG's event camera dataset.
 
     Parameters
@@ -67,8 +67,8 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     TaskError
         The numbers are not as many, not finite or not of this sensor.
     """
-    with reading(path, "text", TaskError):
-        text = path.read_text(encoding="utf-8", errors="replace").split()
+    with reading(Path(path), "text", TaskError):
+        text = Path(path).read_text(encoding="utf-8", errors="replace").split()
     try:
         numbers = np.array([float(word) for word in text])
     except ValueError:
