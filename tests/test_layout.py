@@ -129,7 +129,7 @@ WINGS = {
     "tasks.recording": {
         *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods", "tasks.numerics"),
     },
-    "tasks.advice": {"tasks.footage", "tasks.study.results"},
+    "tasks.advice": {"tasks.footage"},
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.evaluation", "tasks.events", "tasks.study.run"},

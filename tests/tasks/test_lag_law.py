@@ -11,19 +11,13 @@ import pytest
 from benchmark_files import FOLDER, benchmark
 from sensor import SensorModel, simulate
 from tasks.advice.law import CROSSING_PX, NEAR_PX, chosen, delay_s, finer_wins, lag_px
-from tasks.advice.stored import (
-    TABLE,
-    Window,
-    cases_of,
-    stored_windows,
-    windows_of_run,
-    write_windows,
-)
+from tasks.advice.stored import TABLE, Window, cases_of, stored_windows
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 
 ROOT = Path(__file__).parents[2]
 RUNS = "docs/results/paper", "docs/results/slider"
+LAW = benchmark("lag_law")
 
 
 def share_right(cases, crossing_px=CROSSING_PX):
@@ -73,7 +67,7 @@ def test_a_window_has_a_case_for_each_pair():
 @pytest.fixture(scope="module")
 def stored():
     """Windows of the stored runs, by run."""
-    return {run: windows_of_run(ROOT / run) for run in RUNS}
+    return {run: LAW.windows_of_run(ROOT / run) for run in RUNS}
 
 
 @pytest.mark.slow
@@ -81,7 +75,7 @@ def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
     """Promise: `python benchmarks/lag_law.py docs/results/paper docs/results/slider --write` wrote
     it; it has at most 100 kB, and reads as it was written."""
     windows = [one._replace(run=run) for run, inside in stored.items() for one in inside]
-    write_windows(tmp_path / TABLE, windows)
+    LAW.write_windows(tmp_path / TABLE, windows)
     text = files("tasks.advice").joinpath(TABLE).read_text()
     assert (tmp_path / TABLE).read_text() == text
     assert len(text) <= 100_000
@@ -131,13 +125,12 @@ def lines_on_the_page(capsys):
 @pytest.mark.slow
 def test_the_page_has_the_tables_of_the_command(stored, capsys):
     """Promise: docs/what_decides.md says what `python benchmarks/lag_law.py` prints."""
-    law = benchmark("lag_law")
     for run, count in zip(RUNS, (5, 5), strict=True):
         cases = cases_of(stored[run])
-        law.print_shares({Path(run).name: cases, **law.grouped(cases, lambda case: case.scene)})
+        LAW.print_shares({Path(run).name: cases, **LAW.grouped(cases, lambda case: case.scene)})
         assert lines_on_the_page(capsys) == (count, count)
-    law.print_margins(cases_of(stored[RUNS[0]]))
-    law.print_regrets(stored[RUNS[0]])
+    LAW.print_margins(cases_of(stored[RUNS[0]]))
+    LAW.print_regrets(stored[RUNS[0]])
     assert lines_on_the_page(capsys) == (16, 16)
 
 
@@ -182,7 +175,7 @@ def test_the_page_has_the_tables_of_the_predictions(unseen, capsys):
 @pytest.mark.slow
 def test_the_page_has_the_delays_of_the_command(stored, capsys):
     """Promise: its tables of flow and tracking are the lines of base speed."""
-    benchmark("lag_law").print_delays(ROOT / RUNS[0], stored[RUNS[0]])
+    LAW.print_delays(ROOT / RUNS[0], stored[RUNS[0]])
     assert lines_on_the_page(capsys) == (12, 22)  # of two heads, and ten and ten lines
 
 
@@ -210,4 +203,4 @@ def test_a_run_without_the_speed_of_its_image_is_refused(tmp_path):
     write_rows(tmp_path / "rows.parquet", [row])
     (tmp_path / "study.json").write_text('{"render": {"resolution": 64, "window_s": 0.05}}')
     with pytest.raises(ResultError, match=rf"^{tmp_path}: .* zero_flow"):
-        windows_of_run(tmp_path)
+        LAW.windows_of_run(tmp_path)
