@@ -23,8 +23,7 @@ from tasks.study.report.sections.scaling import interval_plot
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling, Slopes, read_scaling
 from tasks.study.results.scores import Scores
-from tasks.study.run.highlights import scaling_files
-from tasks.study.run.scaling import measure_scaling
+from tasks.study.run.highlights import measure_scaling, scaling_files
 
 
 def verdicts(scaling: Scaling | None, **kwargs) -> tuple[Verdict, Verdict]:

@@ -1,6 +1,6 @@
 """Statistics behind Fig. 2 of the paper: why finer sensors fire faster, one clip per scene.
 
-`tasks.study.run.scaling` measures them; a run stores them in `scaling/SCENE.json`.
+`tasks.study.run.highlights` measures them; a run stores them in `scaling/SCENE.json`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Highlights of a scene for the report: a frame, films of each sensor's events, and L_t.
+"""Highlights of a scene for the report: a frame, films of each sensor's events, and scaling
+statistics, which show why finer sensors fire faster, with L_t.
 
 All pictures show the image center.
 """
@@ -22,13 +23,20 @@ from eres_render import RadianceSequence
 from eres_render.cores import cores
 from sensor import Events, SensorModel
 from sensor.optics import crop_to_aspect
+from sensor.statistics import (
+    IntervalHistogram,
+    SlopesBySize,
+    fit_power_law,
+    log_bin_edges_us,
+    log_slope,
+    slopes_by_pixel_size,
+)
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.sensor_setting import Setting
 from tasks.study.results.asked import CutoffInLux, SensorId, lux_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
-from tasks.study.results.scaling import Scaling
+from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
 from tasks.study.run.jobs import Job, QueuedJob
-from tasks.study.run.scaling import interval_histogram, measure_scaling
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
 MAX_FILM_BYTES = 192_000
@@ -38,6 +46,8 @@ _GAMMA = 2.2
 _SIDE_PX = 320
 _VIEW = 0.25  # of the image's width, around its center; at most its height
 _SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
+_ROWS_USED = 320  # about, of each sensor, evenly spread, for the times between events
+_BIN_EDGES_US = log_bin_edges_us()
 
 
 class Highlights:
@@ -265,3 +275,64 @@ def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
         if len(data) <= MAX_FILM_BYTES:
             break
     return data
+
+
+def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> IntervalHistogram:
+    """Return an empty histogram of the times between events of a sensor."""
+    every_row = max(1, sensor.height // _ROWS_USED)
+    return IntervalHistogram(sensor.width, sensor.height, _BIN_EDGES_US, window_us, every_row)
+
+
+def measure_scaling(
+    sequence: RadianceSequence,
+    dark_level: float,
+    histograms: Mapping[tuple[SensorId, float, float], IntervalHistogram],
+) -> tuple[Scaling, NDArray[np.float64]]:
+    """Measure the slopes at the end of a clip, and add the histograms of its events.
+
+    Parameters
+    ----------
+    dark_level
+        Dark level of the first sensor, in the frames' unit of radiance.
+    histograms
+        Complete histograms of times between events, by sensor, light as in `light_of`, and speed.
+
+    Returns
+    -------
+    The numbers, and L_t between the last two frames: (H, W) float64, 1/s.
+    """
+    before, after = (sequence.frame(len(sequence) - k).astype(np.float64) for k in (2, 1))
+    dt_s = float(sequence.t_s[-1] - sequence.t_s[-2])
+    slopes = slopes_by_pixel_size(before, after, dt_s, dark_level)
+    scaling = Scaling(
+        scene=sequence.manifest.scene,
+        clip=sequence.manifest.clip,
+        sizes_px=tuple(slopes.sizes_px.tolist()),
+        everywhere=_slopes(slopes, slopes.everywhere, np.ones(len(slopes.everywhere))),
+        edges=_slopes(slopes, slopes.edges, slopes.edge_weights),
+        edges_us=tuple(_BIN_EDGES_US.tolist()),
+        intervals=tuple(
+            Intervals(
+                width=sensor.width,
+                cutoff_hz=float(light),
+                speed=speed,
+                counts=tuple(h.counts.tolist()),
+                shorter=h.shorter,
+                longer=h.longer,
+                illuminance_lux=lux_of(light),
+                sensor=sensor.name,
+            )
+            for (sensor, light, speed), h in histograms.items()
+        ),
+    )
+    return scaling, log_slope(before, after, dt_s, dark_level)
+
+
+def _slopes(
+    slopes: SlopesBySize, blocks: NDArray[np.float64], weights: NDArray[np.number]
+) -> Slopes:
+    if not blocks.any():
+        return Slopes((0.0,) * len(slopes.sizes_px), None)
+    fitted = slopes.sizes_px <= FIT_PX
+    law = fit_power_law(slopes.sizes_px[fitted], blocks[:, fitted], weights)
+    return Slopes(tuple(np.average(blocks, axis=0, weights=weights).tolist()), law)
