@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import chain
 
@@ -17,7 +17,7 @@ from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from eres_render.sequence.sequence import read_ahead
-from sensor import Events, SensorModel, stream_bank
+from sensor import Events, stream_bank
 from sensor.readout import Sender
 from tasks.evaluation.emulated import EmulatedPixels, seen
 from tasks.evaluation.reference import ReferenceFrames, central_part
@@ -74,39 +74,38 @@ def evaluate(
         names.setdefault(replace(setting, name=""), []).append(setting.name)
     reference: ReferenceFrames | None = None
     stopwatch, rendered = Stopwatch(), sequence.rendered
-    rows: list[Row] = []
-    methods: list[MethodTimings] = []
-    models: list[SensorModel] = []
-    fired = 0
+    sensors: list[_Sensor] = []
     with ThreadPoolExecutor(cores()) as workers:
         for part, of_part, names in parts.values():
             shown = ReferenceFrames(part, of_part)
             reference = reference or shown  # the others' would fill the memory
-            sensors = []
-            for setting, own in names.items():
-                source = RenderedClip(shown, replace(setting, name=own[0]))
-                scorers = {
-                    name: load(TASKS[name].scorer)(source, task)
-                    for name, task in tasks.items()
-                    if task.methods
-                }
-                sensors.append(_Sensor(source, own, scorers, watch))
+            here = [
+                _Sensor(RenderedClip(shown, replace(setting, name=own[0])), own, tasks, watch)
+                for setting, own in names.items()
+            ]
             before_s = rendered.seconds
             with stopwatch("sensing"):
-                _collect(part, sensors, workers, stopwatch, on_progress)
+                _collect(part, here, workers, stopwatch, on_progress)
             stopwatch.seconds["rendering"] += rendered.seconds - before_s
             with stopwatch("scoring"):
                 # The largest come first, so that the cores finish at about the same time.
-                order = sorted(sensors, key=lambda sensor: -sensor.setting.model.width)
+                order = sorted(here, key=lambda sensor: -sensor.setting.model.width)
                 for k, _ in enumerate(workers.map(_Sensor.score, order), start=1):
-                    on_progress("scoring", k, len(sensors))
-            rows += [row for sensor in sensors for row in sensor.rows()]
-            scored = ((sensor.setting, *each) for sensor in sensors for each in sensor.scored)
-            methods += method_timings(scored)
-            models += [sensor.setting.model for sensor in sensors]
-            fired += sum(sensor.fired for sensor in sensors)
+                    on_progress("scoring", k, len(here))
+            sensors += here
     assert reference is not None, "there is at least one sensor"
-    seconds, manifest = stopwatch.seconds, sequence.manifest
+    rows = [row for sensor in sensors for row in sensor.rows]
+    timings = _timings(sequence, len(parts), stopwatch.seconds, sensors)
+    return Evaluation(rows, timings, reference)
+
+
+def _timings(
+    sequence: RadianceSequence, passes: int, seconds: Mapping[str, float], sensors: list[_Sensor]
+) -> JobTimings:
+    """Return the timings of sensors on a sequence whose frames were read in so many passes."""
+    rendered, manifest = sequence.rendered, sequence.manifest
+    models = [sensor.setting.model for sensor in sensors]
+    scored = ((sensor.setting, *each) for sensor in sensors for each in sensor.scored)
     stages = split_shared_time(
         rendering_s=seconds["rendering"],
         waiting_s=seconds["waiting"],
@@ -114,48 +113,51 @@ def evaluate(
         collecting_s=seconds["collecting"],
     )
     stages["rendering_s"] += rendered.seconds - seconds["rendering"]  # before the sensors
-    timings = JobTimings(
+    return JobTimings(
         scene=manifest.scene,
         sample=manifest.clip,
         cores=cores(),
-        frames=len(sequence) * len(parts),
+        frames=len(sequence) * passes,
         resolution=manifest.width,
         spp=manifest.spp,
         sensors=len(models),
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
-        events=fired,
+        events=sum(sensor.fired for sensor in sensors),
         scoring_s=seconds["scoring"],
-        methods=tuple(methods),
+        methods=tuple(method_timings(scored)),
         rendered_frames=rendered.frames,
         height=manifest.height,
         **stages,
     )
-    return Evaluation(rows, timings, reference)
 
 
-@dataclass(eq=False)
 class _Sensor:
-    """One sensor, under one name or several, with its bus, its scorers and its number of events."""
+    """One sensor, under one name or several, with its bus and the scorers of tasks with methods."""
 
-    source: RenderedClip
-    names: list[str]
-    scorers: dict[str, Scorer]  # of each task
-    watch: Watch | None
-    fired: int = 0
-    in_window: int = 0
-    dropped: int = 0  # of the events in the window
-    scored: list[tuple[str, Score]] = field(default_factory=list)  # with their tasks
-
-    def __post_init__(self) -> None:
-        self.setting = self.source.setting
+    def __init__(
+        self,
+        source: RenderedClip,
+        names: list[str],
+        tasks: Mapping[str, TaskSettings],
+        watch: Watch | None,
+    ) -> None:
+        self.setting, self._source, self._names, self._watch = source.setting, source, names, watch
         self._sender = None if self.setting.readout is None else Sender(self.setting.readout)
+        self._scorers: dict[str, Scorer] = {
+            name: load(TASKS[name].scorer)(source, task)
+            for name, task in tasks.items()
+            if task.methods
+        }
+        self.fired = self._in_window = self._dropped = 0  # events, the dropped ones in the window
+        self.scored: list[tuple[str, Score]] = []  # with their tasks
+        self.rows: list[Row] = []
 
     def push(self, events: Events) -> None:
         """Add the next events that the pixels fire, those of the warm-up included."""
         start_us, end_us = self.setting.start_us, self.setting.end_us
         self.fired += len(events)
         first, last = np.searchsorted(events.t_us, [start_us, end_us])
-        self.in_window += int(last - first)
+        self._in_window += int(last - first)
         if self._sender is None:
             self._receive(events)
             return
@@ -163,30 +165,29 @@ class _Sensor:
         self._receive(self._sender.push(events[:first]))
         before = self._sender.report.dropped
         self._receive(self._sender.push(events[first:last]))
-        self.dropped += self._sender.report.dropped - before
+        self._dropped += self._sender.report.dropped - before
         self._receive(self._sender.push(events[last:]))
 
     def _receive(self, events: Events) -> None:
         """Pass on events that have left the sensor."""
-        for scorer in self.scorers.values():
+        for scorer in self._scorers.values():
             scorer.push(events)
-        if self.watch:
-            for name in self.names:
-                self.watch(replace(self.setting, name=name), events)
+        if self._watch:
+            for name in self._names:
+                self._watch(replace(self.setting, name=name), events)
 
     def score(self) -> None:
-        """Score all tasks, after the last event."""
+        """Score all tasks, after the last event, and make each score a row of each name."""
         if self._sender is not None and (last := self._sender.finish()) is not None:
             self._receive(last)
-        for task, scorer in self.scorers.items():
+        for task, scorer in self._scorers.items():
             self.scored += [(task, score) for score in scorer.scores()]
-
-    def rows(self) -> list[Row]:
-        """Return each score as a row of each name."""
-        rate_hz = self.in_window / self.source.window.seconds
-        dropped = self.dropped / self.in_window if self.dropped else 0.0
-        rows = [row_of(task, self.source, score, rate_hz, dropped) for task, score in self.scored]
-        return [replace(row, sensor=name) for row in rows for name in self.names]
+        rate_hz = self._in_window / self._source.window.seconds
+        dropped = self._dropped / self._in_window if self._dropped else 0.0
+        for task, score in self.scored:
+            row = row_of(task, self._source, score, rate_hz, dropped)
+            self.rows += [replace(row, sensor=name) for name in self._names]
+        del self._scorers, self._source  # and with them its frames
 
 
 def _collect(
