@@ -119,10 +119,12 @@ def _simulated(
     t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
     first = int(np.searchsorted(t_s, marks_s[1]))
     ends: list[NDArray[np.float64]] = []
+    seeds = "fresh" if setting.fresh_seeds else "common"
+    stage = f"{setting.spp} spp, {setting.max_displacement_px:g} px, {seeds} seeds"
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for k, (t, pose) in enumerate(zip(t_s, renderer.trajectory.pose(t_s), strict=True)):
-            on_progress(_name(setting), k, len(t_s))
+            on_progress(stage, k, len(t_s))
             frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None, t_s=t)
             if k in (first, len(t_s) - 1):
                 ends.append(np.log(frame.astype(np.float64) + dark_level))
@@ -134,8 +136,3 @@ def _simulated(
         polarity_sum += inside.polarity_sum()
         count += len(inside)
     return len(t_s) - first, count, polarity_sum, ends
-
-
-def _name(setting: RenderSetting) -> str:
-    seeds = "fresh" if setting.fresh_seeds else "common"
-    return f"{setting.spp} spp, {setting.max_displacement_px:g} px, {seeds} seeds"

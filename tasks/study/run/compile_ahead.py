@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
@@ -44,7 +44,7 @@ def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]
         Names and settings of the tasks. Only flow and tracking, which compile slowly, are compiled.
     """
     methods = {
-        f"{task}:{name}"
+        (task, name)
         for task, settings in tasks
         for name in settings.methods
         if task in _SAMPLES and name in TASKS[task].methods
@@ -72,16 +72,14 @@ def compile_sensor() -> None:
     simulate_bank(frames, [0.0, 1e-3, 0.05], models)  # a short and a long interval
 
 
-def compile_methods(methods: Sequence[str]) -> None:
+def compile_methods(methods: Iterable[tuple[str, str]]) -> None:
     """Run methods once on a small sample of a study's types; Numba caches their kernels."""
-    for method in methods:
-        task, name = method.split(":")
+    for task, name in methods:
         load_method(task, name)(_SAMPLES[task]())
 
 
-def _any_is_cached(methods: Iterable[str]) -> bool:
-    for method in methods:
-        task, name = method.split(":")
+def _any_is_cached(methods: Iterable[tuple[str, str]]) -> bool:
+    for task, name in methods:
         load_method(task, name)
     places = ("tasks.methods.", "tasks.numerics.")
     modules = [module for name, module in sys.modules.items() if name.startswith(places)]
