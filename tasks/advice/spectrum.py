@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.levels import DARK_SHARE, white_level
-from sensor.optics import integrate
 from tasks.errors import TaskError
 from tasks.footage.images import read_images
 from tasks.footage.luminance import Luminance, coding_of
@@ -57,7 +56,7 @@ def read_picture(file: str | Path, width: int) -> Floats:
             f"{file}: is {columns} px wide; give an image of at least {width} px, the finest width"
         )
     light = Luminance(encoding, white)(file, coded).astype(np.float64)
-    averaged = integrate(light, round(rows * width / columns), width)
+    averaged = _averaged(light, round(rows * width / columns), width)
     return np.minimum(averaged / white_level(averaged), 1.0)
 
 
@@ -86,6 +85,18 @@ def texture(width: int, height: int) -> Floats:
     light = np.minimum(light / white_level(light), 1.0)
     tiles = math.ceil(height / side), math.ceil(width / side)
     return np.tile(light, tiles)[:height, :width]
+
+
+def _averaged(image: Floats, height: int, width: int) -> Floats:
+    """Return an image that is averaged to fewer equal pixels."""
+    for count in (width, height):
+        samples = image.shape[1]
+        sums = np.pad(np.cumsum(image, axis=1), ((0, 0), (1, 0)))
+        edges = np.linspace(0, samples, count + 1)
+        whole = np.minimum(edges.astype(int), samples - 1)
+        parts = np.diff(sums[:, whole] + (edges - whole) * image[:, whole], axis=1)
+        image = (parts * (count / samples)).T
+    return image
 
 
 class MovingImage:
@@ -162,7 +173,7 @@ class MovingImage:
         box = np.outer(box_y**2, box_x**2)
         whole, crossed = box * np.outer(all_y, all_x), np.outer(box_y * up_y, box_x * up_x)
         height = round(len(self._image) * width / self._width)
-        image = integrate(self._image, height, width)
+        image = _averaged(self._image, height, width)
         errors = np.zeros(len(lags_px))
         for angle, bins, change in self._motions:
             path = self._path_px * width / self._width
