@@ -6,7 +6,6 @@ import csv
 import io
 from collections.abc import Iterable
 
-from tasks.registry import TASKS
 from tasks.study.results.asked import MetersPerSecond, Series, lux_of
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
 
@@ -37,7 +36,7 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
     for table in tables:
         for block in table.blocks:
             for line in block.lines:
-                method = TASKS[table.series.task].baseline if line.nothing else table.series.method
+                method = table.series.spec.baseline if line.nothing else table.series.method
                 series = table.series._replace(method=method)
                 place = series, block.scene, block.speed, line.sensor, line.contrast_threshold
                 if place in written:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tasks.registry import TASKS
 from tasks.study.results.asked import SensorId, Series
 from tasks.study.results.cells import Cell
 from tasks.study.results.choice import Pick, pick
@@ -88,7 +87,7 @@ class ComparisonTable:
     @property
     def title(self) -> str:
         """Return the title with metric, unit and the better direction."""
-        metric = TASKS[self.series.task].metric
+        metric = self.series.spec.metric
         return f"{capitalized(self.series.title)}: median {metric.heading}"
 
     @property
@@ -106,7 +105,7 @@ class ComparisonTable:
         if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {threshold:g}; "
         notes = "".join(f"{one.head}: {one.meaning}; " for one in columns if one.meaning)
-        near = TASKS[self.series.task].metric.near
+        near = self.series.spec.metric.near
         return (
             f"{paper}bold: best of the column; underlined: the smallest within {near} of "
             f"it; struck out: no better than doing nothing; {notes}"
@@ -116,12 +115,12 @@ class ComparisonTable:
     @property
     def columns(self) -> list[Column]:
         """Return the columns of every cutoff."""
-        share = TASKS[self.series.task].share_column
+        share = self.series.spec.share_column
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
             columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
             columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
-        if TASKS[self.series.task].metric.reference_width_px is not None:
+        if self.series.spec.metric.reference_width_px is not None:
             columns += [Column("native px", "rate", _native, "pixels of the sensor", False)]
         if share is not None:
             columns += [Column(share.head, "rate", _share, share.meaning)]
@@ -162,7 +161,7 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    sensors, metric = scores.sensors(series, scene), TASKS[series.task].metric
+    sensors, metric = scores.sensors(series, scene), series.spec.metric
     ours: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     idle: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     for cutoff_hz in cutoffs_hz:
@@ -198,7 +197,7 @@ def _marks(sensor: SensorId, picked: Pick | None, idle: bool = False) -> str:
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:
-    return MISSING if value is None else TASKS[series.task].metric.text(value, sign)
+    return MISSING if value is None else series.spec.metric.text(value, sign)
 
 
 def _ours(series: Series, entry: Entry, line: Line) -> str:
@@ -214,7 +213,7 @@ def _native(series: Series, entry: Entry, line: Line) -> str:
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:
-    failed, column = entry.cell.failure_share, TASKS[series.task].share_column
+    failed, column = entry.cell.failure_share, series.spec.share_column
     if line.nothing:
         return ""
     if failed is not None and column is not None and column.of_successes:
@@ -234,7 +233,7 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
     float or None
         Score in px, or None if it is missing or not in pixels.
     """
-    reference_px = TASKS[series.task].metric.reference_width_px
+    reference_px = series.spec.metric.reference_width_px
     if value is None or line.sensor is None or reference_px is None:
         return None
     return value * line.sensor.width / reference_px
@@ -248,7 +247,7 @@ def line_label(line: Line, series: Series) -> str:
     str
         Width, after the sensor's name if it has one; or name of the do-nothing method.
     """
-    parts = [TASKS[series.task].label(TASKS[series.task].baseline)] if line.nothing else []
+    parts = [series.spec.label(series.spec.baseline)] if line.nothing else []
     if line.sensor is not None:
         parts += [*filter(None, [line.sensor.name]), f"{line.sensor.width} px"]
     return ", ".join(parts)
