@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tasks.registry import TASKS, sigma_mm
+from tasks.registry import sigma_mm
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.asked import SensorId, Series
