@@ -203,24 +203,17 @@ def normal_equations(events, L, unknowns):
             p = block[k, 4]
             step = p * (L1 - L0)
             r = gain * step - 1.0
-            j0 = gain * p * (t0 * L0x - t1 * L1x)
-            j1 = gain * p * (t0 * L0y - t1 * L1y)
-            j3 = gain * p * (vx * (L1x - L0x) + vy * (L1y - L0y))
+            slopes = (
+                gain * p * (t0 * L0x - t1 * L1x),
+                gain * p * (t0 * L0y - t1 * L1y),
+                step,
+                gain * p * (vx * (L1x - L0x) + vy * (L1y - L0y)),
+            )
             cost += r * r
-            gradient[0] += j0 * r
-            gradient[1] += j1 * r
-            gradient[2] += step * r
-            gradient[3] += j3 * r
-            curvature[0, 0] += j0 * j0
-            curvature[1, 0] += j1 * j0
-            curvature[1, 1] += j1 * j1
-            curvature[2, 0] += step * j0
-            curvature[2, 1] += step * j1
-            curvature[2, 2] += step * step
-            curvature[3, 0] += j3 * j0
-            curvature[3, 1] += j3 * j1
-            curvature[3, 2] += j3 * step
-            curvature[3, 3] += j3 * j3
+            for i in range(4):
+                gradient[i] += slopes[i] * r
+                for j in range(i + 1):
+                    curvature[i, j] += slopes[i] * slopes[j]
     for i in range(4):
         for j in range(i):
             curvature[j, i] = curvature[i, j]

@@ -17,9 +17,8 @@ from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
-from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.asked import Condition, Series
-from tasks.study.results.comparison import comparison_table, main_tables
+from tasks.study.results.comparison import comparison_table, main_tables, to_csv
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label

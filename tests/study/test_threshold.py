@@ -19,9 +19,8 @@ from tasks.row import Row, read_rows, write_rows
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Plot
 from tasks.study.report.sections.tradeoff import compare_thresholds, tradeoff_plots
-from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.asked import Series
-from tasks.study.results.comparison import comparison_table
+from tasks.study.results.comparison import comparison_table, to_csv
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores, by_photoreceptor

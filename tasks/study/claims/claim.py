@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
-from tasks.registry import TASKS
 from tasks.study.claims.numbers import (
     NotMeasured,
     Number,
@@ -153,7 +152,7 @@ class SceneClaim(Claim):
             scope = f"{scope} {self._scope(scores, series, judged)}".strip()
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
-            why = ", which is a network" if series.method in TASKS[series.task].networks else ""
+            why = ", which is a network" if series.method in series.spec.networks else ""
             lines = [f"no rows of {series.name}{where}{why}", *lines]
         likeness = _likeness([reading.like_paper for reading in readings.values()])
         intervals = sum(reading.intervals for reading in readings.values())

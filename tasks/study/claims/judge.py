@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import FLOW_CLAIMS
@@ -83,7 +82,7 @@ def _outcome(scores: Scores, series: Series, where: Condition) -> Status:
     ours, nothing = scores.cell(series, where), scores.baseline(series, where)
     if not (ours.complete and nothing.complete):
         return Status.NOT_MEASURED
-    lead = lead_over(ours, nothing, TASKS[series.task].metric.sign)
+    lead = lead_over(ours, nothing, series.spec.metric.sign)
     return settled(lead, above=True, bound=0.0)
 
 

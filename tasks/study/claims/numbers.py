@@ -9,7 +9,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from tasks.metric import Metric
-from tasks.registry import TASKS
 from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, holm, settled
 from tasks.study.results.asked import Condition, Series
@@ -37,7 +36,7 @@ class SceneScores:
     @property
     def metric(self) -> Metric:
         """Metric of the scores."""
-        return TASKS[self.series.task].metric
+        return self.series.spec.metric
 
     def cell(self, where: SceneCell) -> Cell:
         """Return one cell; it has no values if it was not measured."""

@@ -117,7 +117,7 @@ class SliderClaim(Claim):
             fails = " (does not hold)" * (lead.status is Status.DOES_NOT_HOLD)
             of_series.setdefault(on.series, []).append(f"{on.scene}{lead.text}{fails}")
         return ours, [
-            f"- {series.name} [{TASKS[series.task].metric.unit}]: {'; '.join(texts)}"
+            f"- {series.name} [{series.spec.metric.unit}]: {'; '.join(texts)}"
             for series, texts in of_series.items()
         ]
 
@@ -147,7 +147,7 @@ def _paper_lines() -> Iterator[str]:
             leads[name] = full - middle
         each = ", ".join(f"{name} {lead:+.2f}" for name, lead in leads.items())
         mean = np.mean([*leads.values()])
-        yield f"{series.name} [{TASKS[series.task].metric.unit}]: {each}; mean {mean:+.2f}"
+        yield f"{series.name} [{series.spec.metric.unit}]: {each}; mean {mean:+.2f}"
     yield (
         f"{worse_than_nothing(_FAST_M_PER_S)} of its 9 position errors at {_FAST_M_PER_S:g} m/s "
         f"are larger than the {NOTHING_MM:g} mm of doing nothing"

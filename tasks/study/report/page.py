@@ -20,9 +20,8 @@ from tasks.study.report.sections.photoreceptor import compare_photoreceptors
 from tasks.study.report.sections.scaling import interval_plot, slope_plot
 from tasks.study.report.sections.slider import slider_section
 from tasks.study.report.sections.tradeoff import tradeoff_plots
-from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
-from tasks.study.results.comparison import comparison_table
+from tasks.study.results.comparison import comparison_table, to_csv
 from tasks.study.results.perturbation import is_main
 
 MAX_BYTES = 15_000_000

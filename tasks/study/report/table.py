@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from tasks.registry import TASKS
 from tasks.study.results.asked import Condition, Series
 from tasks.study.results.scores import Scores, beats
 from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label
@@ -42,4 +41,4 @@ def score_text(scores: Scores, series: Series, where: Condition) -> Text:
     if cell.median is None:
         return Text(MISSING)
     idle = beats(cell, scores.baseline(series, where), series) is False
-    return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
+    return Text(series.spec.metric.text(cell.median), "", "struck" if idle else "")

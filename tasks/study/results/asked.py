@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from sensor.model import cutoff_in_light
-from tasks.registry import TASKS
+from tasks.registry import TASKS, TaskSpec
 
 
 class SensorId(NamedTuple):
@@ -85,20 +85,25 @@ class Series(NamedTuple):
     variant: str = ""  # variant of the task; "" is the usual one
 
     @property
+    def spec(self) -> TaskSpec:
+        """Its task: the metric, the methods and their labels."""
+        return TASKS[self.task]
+
+    @property
     def title(self) -> str:
         """Task, method and variant in words: "reconstruction by event integration"."""
-        return f"{TASKS[self.task].title} by {self.name}"
+        return f"{self.spec.title} by {self.name}"
 
     @property
     def name(self) -> str:
         """Method and variant in words."""
-        method = TASKS[self.task].label(self.method)
+        method = self.spec.label(self.method)
         return f"{method}, {self.variant}" if self.variant else method
 
     @property
     def is_method(self) -> bool:
         """Whether this estimates from events: not a baseline, and nothing that gets the truth."""
-        return TASKS[self.task].method(self.method).role == "method"
+        return self.spec.method(self.method).role == "method"
 
 
 def sensor_of(each: OfSensor) -> SensorId:

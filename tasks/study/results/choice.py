@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from sensor.cameras import camera_names, find_camera
 from tasks.metric import Metric
-from tasks.registry import TASKS
 from tasks.study.results.asked import MetersPerSecond, SensorId, Series
 from tasks.study.results.intervals import lead_over
 from tasks.study.results.scores import Scores
@@ -96,7 +95,7 @@ def choose(
     cutoff_hz
         Photoreceptor cutoff, Hz.
     """
-    metric = TASKS[series.task].metric
+    metric = series.spec.metric
     sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
     places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}
     cells = {sensor: scores.cell(series, at) for sensor, at in places.items()}

@@ -1,19 +1,28 @@
-"""Compare median scores with the paper's, condition by condition."""
+"""Compare median scores with the paper's, condition by condition; the tables as tidy CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tasks.registry import TASKS
-from tasks.study.results.asked import SensorId, Series
+from tasks.study.results.asked import MetersPerSecond, SensorId, Series, lux_of
 from tasks.study.results.cells import Cell
 from tasks.study.results.choice import Pick, pick
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Scores, base_speed, beats
 from tasks.study.results.words import MISSING, capitalized, rate_label, share_text
+
+_CSV_COLUMNS = (
+    *("scene", "task", "method", "variant", "metric"),
+    *("width", "sensor", "cutoff_hz", "illuminance_lux", "contrast_threshold"),
+    *("speed", "speed_m_s"),
+    *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
+    *("native_px", "failure_share", "beats_nothing", "effective_samples"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +97,7 @@ class ComparisonTable:
     @property
     def title(self) -> str:
         """Return the title with metric, unit and the better direction."""
-        metric = TASKS[self.series.task].metric
+        metric = self.series.spec.metric
         return f"{capitalized(self.series.title)}: median {metric.heading}"
 
     @property
@@ -106,7 +115,7 @@ class ComparisonTable:
         if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {threshold:g}; "
         notes = "".join(f"{one.head}: {one.meaning}; " for one in columns if one.meaning)
-        near = TASKS[self.series.task].metric.near
+        near = self.series.spec.metric.near
         return (
             f"{paper}bold: best of the column; underlined: the smallest within {near} of "
             f"it; struck out: no better than doing nothing; {notes}"
@@ -116,12 +125,12 @@ class ComparisonTable:
     @property
     def columns(self) -> list[Column]:
         """Return the columns of every cutoff."""
-        share = TASKS[self.series.task].share_column
+        share = self.series.spec.share_column
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
             columns += [Column("paper", "paper", lambda s, e, _: _number(s, e.paper))]
             columns += [Column("Δ", "difference", lambda s, e, _: _number(s, e.difference, "+"))]
-        if TASKS[self.series.task].metric.reference_width_px is not None:
+        if self.series.spec.metric.reference_width_px is not None:
             columns += [Column("native px", "rate", _native, "pixels of the sensor", False)]
         if share is not None:
             columns += [Column(share.head, "rate", _share, share.meaning)]
@@ -162,7 +171,7 @@ def comparison_table(
 def _block(
     scores: Scores, series: Series, scene: str, speed: float, cutoffs_hz: tuple[float, ...]
 ) -> Block:
-    sensors, metric = scores.sensors(series, scene), TASKS[series.task].metric
+    sensors, metric = scores.sensors(series, scene), series.spec.metric
     ours: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     idle: dict[SensorId, list[Entry]] = {sensor: [] for sensor in sensors}
     for cutoff_hz in cutoffs_hz:
@@ -198,7 +207,7 @@ def _marks(sensor: SensorId, picked: Pick | None, idle: bool = False) -> str:
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:
-    return MISSING if value is None else TASKS[series.task].metric.text(value, sign)
+    return MISSING if value is None else series.spec.metric.text(value, sign)
 
 
 def _ours(series: Series, entry: Entry, line: Line) -> str:
@@ -214,7 +223,7 @@ def _native(series: Series, entry: Entry, line: Line) -> str:
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:
-    failed, column = entry.cell.failure_share, TASKS[series.task].share_column
+    failed, column = entry.cell.failure_share, series.spec.share_column
     if line.nothing:
         return ""
     if failed is not None and column is not None and column.of_successes:
@@ -234,7 +243,7 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
     float or None
         Score in px, or None if it is missing or not in pixels.
     """
-    reference_px = TASKS[series.task].metric.reference_width_px
+    reference_px = series.spec.metric.reference_width_px
     if value is None or line.sensor is None or reference_px is None:
         return None
     return value * line.sensor.width / reference_px
@@ -248,7 +257,61 @@ def line_label(line: Line, series: Series) -> str:
     str
         Width, after the sensor's name if it has one; or name of the do-nothing method.
     """
-    parts = [TASKS[series.task].label(TASKS[series.task].baseline)] if line.nothing else []
+    parts = [series.spec.label(series.spec.baseline)] if line.nothing else []
     if line.sensor is not None:
         parts += [*filter(None, [line.sensor.name]), f"{line.sensor.width} px"]
     return ", ".join(parts)
+
+
+def to_csv(tables: Iterable[ComparisonTable]) -> str:
+    """Render tables as tidy CSV, one line per cell; missing values are empty.
+
+    `speed` is a factor on the base speed. It is empty where the study gives m/s, and
+    `illuminance_lux` where it does not give lux.
+
+    A camera with a contrast threshold of its own is in the tables of all thresholds, and doing
+    nothing in those of all methods of a task; each is written with the first. `cutoff_hz` is empty
+    for a camera in a light that is given in lux: its own cutoff is in rows.parquet.
+    `effective_samples` is how many independent samples those of the median are worth.
+    """
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(_CSV_COLUMNS)
+    written = set()
+    for table in tables:
+        for block in table.blocks:
+            for line in block.lines:
+                method = table.series.spec.baseline if line.nothing else table.series.method
+                series = table.series._replace(method=method)
+                place = series, block.scene, block.speed, line.sensor, line.contrast_threshold
+                if place in written:
+                    continue
+                written.add(place)
+                for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
+                    writer.writerow(_csv_line(series, block, line, cutoff_hz, entry))
+    return file.getvalue()
+
+
+def _csv_line(
+    series: Series, block: Block, line: Line, cutoff_hz: float, entry: Entry
+) -> list[str | int | float]:
+    cell, (width, sensor) = entry.cell, line.sensor or ("", "")
+    rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
+    numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
+    numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
+    numbers.append(cell.effective_samples)
+    texts = ["" if number is None else f"{number:.6g}" for number in numbers]
+    return [
+        *(block.scene, series.task, series.method, series.variant, series.metric),
+        *(width, sensor),
+        "" if sensor and lux_of(cutoff_hz) else cutoff_hz,
+        lux_of(cutoff_hz) or "",
+        line.contrast_threshold,
+        *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),
+        *(len(cell.values), cell.expected),
+        *texts[:4],
+        int("bold" in entry.marks.get("ours", "")),
+        *texts[4:6],
+        "" if entry.beats_nothing is None else int(entry.beats_nothing),
+        texts[6],
+    ]

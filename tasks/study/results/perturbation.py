@@ -76,4 +76,4 @@ def shown_series(scores: Scores) -> list[Series]:
 def is_main(series: Series) -> bool:
     """Return whether a series is a method of the paper, or a user's own."""
     usual = not series.variant or sigma_mm(series.variant) is not None
-    return usual and series.is_method and not TASKS[series.task].method(series.method).ours
+    return usual and series.is_method and not series.spec.method(series.method).ours

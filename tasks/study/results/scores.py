@@ -150,7 +150,7 @@ class Scores:
 
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
-        return [series for series in self._rows if series.method != TASKS[series.task].baseline]
+        return [series for series in self._rows if series.method != series.spec.baseline]
 
     def scenes(self, *series: Series) -> list[str]:
         """Return the scenes of some series, by default all but the baselines, in their order."""
@@ -224,7 +224,7 @@ class Scores:
         )
 
     def _nothing(self, series: Series, condition: Condition) -> _Values:
-        baseline = TASKS[series.task].baseline
+        baseline = series.spec.baseline
         for variant in (series.variant, ""):
             idle = self._rows.get(Series(series.task, baseline, series.metric, variant), {})
             if condition in idle:
@@ -242,7 +242,7 @@ class Scores:
         finite = [rows[key] for key in keys]
         index = {at: i for i, at in enumerate(sorted({key[:2] for key in keys}))}
         # Joined runs repeat methods without weights; only networks differ between trainings.
-        trainings = self._trainings if series.method in TASKS[series.task].networks else 1
+        trainings = self._trainings if series.method in series.spec.networks else 1
         return Cell(
             scene=condition.scene,
             values=np.array([row.value for row in finite], dtype=np.float64),
@@ -312,4 +312,4 @@ def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:
     """Return whether a median score is better than that of doing nothing."""
     if cell.median is None or nothing.median is None:
         return None
-    return TASKS[series.task].metric.sign * (cell.median - nothing.median) > 0
+    return series.spec.metric.sign * (cell.median - nothing.median) > 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tasks.registry import TASKS, sigma_mm
+from tasks.registry import sigma_mm
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.asked import SensorId, Series
@@ -22,7 +22,7 @@ def sweeps(scores: Scores) -> dict[str, list[Series]]:
 
 def sweep_table(scores: Scores, sigmas: list[Series], scene: str) -> Table:
     """List success and error of one method at base speed."""
-    metric, sensors = TASKS[sigmas[0].task].metric, scores.sensors(sigmas[0])
+    metric, sensors = sigmas[0].spec.metric, scores.sensors(sigmas[0])
 
     def text(series: Series, of: SensorId, cutoff_hz: float) -> Text:
         cell = scores.cell(series, of.at(scene, cutoff_hz, base_speed(scores, series)))
@@ -76,7 +76,7 @@ def failure_table(scores: Scores) -> Table | None:
     for series in scores.series():
         total, reasons = scores.answers(series), scores.failures(series)
         failed = reasons.total()
-        if TASKS[series.task].share_column is None and not failed:
+        if series.spec.share_column is None and not failed:
             continue
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
 from tasks.study.results.asked import SensorId, Series
@@ -87,10 +86,10 @@ def matrix(run: FinishedRun) -> dict[str, object]:
         }
         for scene in run.scenes
     }
-    metrics = dict.fromkeys(TASKS[series.task].metric for series in main)
-    tasks = dict.fromkeys(TASKS[series.task].title for series in main)
+    metrics = dict.fromkeys(series.spec.metric for series in main)
+    tasks = dict.fromkeys(series.spec.title for series in main)
     compared = {
-        TASKS[series.task].title
+        series.spec.title
         for series in main
         if any(scores.baseline(series, at).median is not None for at in scores.conditions(series))
     }
@@ -107,9 +106,9 @@ def matrix(run: FinishedRun) -> dict[str, object]:
 
 def _rows(scores: Scores, series: Series) -> list[tuple[Text, list[SensorId]]]:
     """Return the head of each row of a series, one for each design, and the sensors left out."""
-    label, designs = TASKS[series.task].label(series.method), designs_of(scores.sensors(series))
+    label, designs = series.spec.label(series.method), designs_of(scores.sensors(series))
     if not designs:
-        return [(Text(capitalized(TASKS[series.task].title), label), [])]
+        return [(Text(capitalized(series.spec.title), label), [])]
     return [(Text(capitalized(label), name), others) for name, others in designs.items()]
 
 

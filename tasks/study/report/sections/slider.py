@@ -66,7 +66,7 @@ def _measured(scores: Scores, series: Series) -> bool:
 
 def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     """List all scores of a series, with the paper's and those of doing nothing."""
-    metric = TASKS[series.task].metric
+    metric = series.spec.metric
     blocks: dict[Text, Rows] = {}
     for scene in PRINTS:
         for speed, factor in FACTORS.items():
@@ -93,7 +93,7 @@ def _paper_text(series: Series, value: float, width: int) -> Text:
     """Return a score of the paper with the width of its own field."""
     worse = series.task == "tracking" and value > NOTHING_MM
     small = "" if width in _WIDTHS else f"{width} px"
-    return Text(TASKS[series.task].metric.text(value), small, "struck" if worse else "")
+    return Text(series.spec.metric.text(value), small, "struck" if worse else "")
 
 
 def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
@@ -116,7 +116,7 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
 
 def _share(series: Series, prints: Sequence[Sequence[float | None]]) -> Text:
     """Count the prints on which the full size is best, of those with scores of all widths."""
-    sign = TASKS[series.task].metric.sign
+    sign = series.spec.metric.sign
     known = [[sign * value for value in values if value is not None] for values in prints]
     complete = [values for values in known if len(values) == len(_WIDTHS)]
     best = sum(values[-1] == max(values) for values in complete)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, sensor_keys
 from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
@@ -35,7 +34,7 @@ def score_plot(
     panels
         One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
     """
-    metric = TASKS[series.task].metric
+    metric = series.spec.metric
     errors = not metric.higher_is_better
     better = ", less is better" if errors else ""
     axes = "event rate [Mev/s]", f"{metric.label} [{metric.unit}]{better}"
@@ -55,11 +54,11 @@ def _panel(run: FinishedRun, series: Series, scene: str, cutoff_hz: float) -> Pa
         lines.append(Line([p for at in where if (p := score_point(run, scores, series, at))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
-    as_text = TASKS[series.task].metric.text
+    as_text = series.spec.metric.text
     texts = list(dict.fromkeys(as_text(score) for score in sorted(baselines)))
     if len(texts) > 3:
         texts = [f"{texts[0]} to {texts[-1]}"]
-    label = f"{TASKS[series.task].label(TASKS[series.task].baseline)} {', '.join(texts)}"
+    label = f"{series.spec.label(series.spec.baseline)} {', '.join(texts)}"
     return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
 
 
@@ -68,7 +67,7 @@ def score_point(run: FinishedRun, scores: Scores, series: Series, where: Conditi
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
         return None
-    metric = TASKS[series.task].metric
+    metric = series.spec.metric
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
         sensor_of(where).label,
@@ -87,7 +86,7 @@ def score_point(run: FinishedRun, scores: Scores, series: Series, where: Conditi
 def compare_thresholds(run: FinishedRun, series: Series) -> dict[str, tuple[Plot, Table, Table]]:
     """Compare scores of one series, scene by scene."""
     ascending = sorted(run.found, key=lambda scores: scores.contrast_threshold)
-    first, metric = run.scores, TASKS[series.task].metric
+    first, metric = run.scores, series.spec.metric
     speed, sensors = base_speed(first, series), first.sensors(series)
     heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
     comparisons = {}
