@@ -16,9 +16,8 @@ from tasks.cli import terminal
 from tasks.cli.app import AsJson, WeightsFiles, require, several
 from tasks.cli.camera_options import NO_OPTIONS, CameraOptions
 from tasks.errors import TaskError, UsageError
-from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.reading import AS_STORED, ReadOptions
+from tasks.events.reading import AS_STORED, NO_FOOTAGE, FootageOptions, ReadOptions
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 from tasks.view.look import ALL_OF_IT, Look
 
@@ -68,7 +67,7 @@ def simulate(
     from tasks.events.simulation import SimulationOptions, simulate_sequence, warn_of_fill_factor
     from tasks.footage import Footage
 
-    frames = open_source_frames(path, footage)
+    frames = footage.open(path)
     simulate_frames: Any
     if isinstance(frames, Footage):
         for name, value in (("truth", truth), ("imu", imu.imu)):

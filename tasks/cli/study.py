@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -19,6 +21,8 @@ from tasks.errors import ResultError, StudyError
 if TYPE_CHECKING:
     from tasks.study.config import Study
     from tasks.study.report.finished_run import FinishedRun
+    from tasks.study.results.comparison import ComparisonTable
+    from tasks.study.results.words import BaseSpeeds
 
 _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 
@@ -193,7 +197,6 @@ def claims(run: RunFolder, others: OtherRuns = (), *, as_json: AsJson = False) -
 
 def _show_scores(run: FinishedRun) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
-    from tasks.cli.comparison import to_rich
     from tasks.study.results.choice import exponents_text
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.words import join_words, lost_text, photoreceptor_label
@@ -220,6 +223,41 @@ def _show_scores(run: FinishedRun) -> None:
             f"photoreceptor: {photoreceptor_label(scores.photoreceptor)}; what changes with "
             f"{join_words(words)} is in the report"
         )
+
+
+def to_rich(table: ComparisonTable, base: BaseSpeeds) -> Group:
+    """Render for a terminal of 80 columns or more, each block under its own heading.
+
+    Parameters
+    ----------
+    base
+        Mean speed of the camera at factor 1 by scene, m/s.
+
+    Returns
+    -------
+    The table with title and footnote.
+    """
+    from tasks.study.results.comparison import line_label
+    from tasks.study.results.words import cutoff_label, speed_label
+
+    columns = [column for column in table.columns if column.in_terminal]
+    parts: list[Text | terminal.Table] = [Text(table.title, "bold")]
+    for block in table.blocks:
+        heading = f"\n{block.scene}, {speed_label(block.scene, block.speed, base)}"
+        shown = terminal.Table(padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+        parts += [Text(heading, "italic"), shown]
+        shown.add_column("", no_wrap=True)
+        for cutoff_hz, column in product(table.cutoffs_hz, columns):
+            head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head
+            dim = "dim" if column.kind in ("paper", "rate") else ""
+            shown.add_column(head, justify="right", style=dim, no_wrap=True)
+        for line in block.lines:
+            cells = [Text("do nothing" if line.sensor is None else line_label(line, table.series))]
+            for entry, column in product(line.entries, columns):
+                text = column.text(table.series, entry, line)
+                cells.append(Text(text, entry.marks.get(column.kind, "")))
+            shown.add_row(*cells)
+    return Group(*parts, Text(f"\n{table.footnote(columns)}", "dim"))
 
 
 def _show_claims(run: FinishedRun) -> None:

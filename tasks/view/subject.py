@@ -14,8 +14,7 @@ from sensor.cameras import EventCamera, find_camera
 from sensor.events import Events, concatenate
 from sensor.formats import Header
 from tasks.errors import TaskError
-from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_source_frames
-from tasks.events.reading import AS_STORED, ReadOptions
+from tasks.events.reading import AS_STORED, NO_FOOTAGE, FootageOptions, ReadOptions
 from tasks.events.simulation import FASTEST
 from tasks.footage import Footage
 from tasks.origin import in_text, shift_us
@@ -187,7 +186,7 @@ def _behind(over: Path, path: Path, header: Header) -> TimedFrames:
     if origin.get("footage") == in_text(over.name):
         fps, encoding = origin.get("fps"), origin.get("encoding")
         options = FootageOptions(fps=None if fps is None else float(fps), encoding=str(encoding))
-    frames = open_source_frames(over, options)
+    frames = options.open(over)
     if isinstance(frames, Footage):
         return TimedFrames(frames, _speed(path, header))
     return _rendered(frames, {path: header})

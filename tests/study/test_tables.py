@@ -14,7 +14,7 @@ from rich.console import Console
 from drawn import comparison_html
 from finished_runs import make_run
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
-from tasks.cli.comparison import to_rich
+from tasks.cli.study import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 from tasks.study.results.asked import Condition, Series
@@ -336,7 +336,7 @@ def test_tables_fit_a_terminal() -> None:
         scores = Scores(rows + nothing_rows(rows, nothing))
         (table,) = main_tables(scores)
         console = Console(width=80, file=io.StringIO(), force_terminal=True, color_system=None)
-        console.print(to_rich(table), crop=False)
+        console.print(to_rich(table, PACKAGED), crop=False)
         shown = console.file.getvalue()  # type: ignore[attr-defined]
         assert max(map(len, shown.splitlines())) <= 80
 
