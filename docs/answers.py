@@ -21,6 +21,7 @@ from eres_render.errors import RenderError, reading
 from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS, sigma_mm
+from tasks.row import read_rows
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
@@ -35,6 +36,7 @@ from tasks.study.results.choice import (
     width_in_design,
 )
 from tasks.study.results.perturbation import is_main
+from tasks.study.results.scores import by_photoreceptor
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,
@@ -46,6 +48,8 @@ from tasks.study.results.words import (
 )
 
 _PAGE_WIDTH = 100
+PAPER = Path(__file__).parent / "results" / "paper"
+EXACT = "two_pole"
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
@@ -210,26 +214,41 @@ def designs(run: FinishedRun) -> str:
 
 def programs(run: FinishedRun) -> str:
     """Return the lead of the finest sensor with each photoreceptor or program, beside the paper's,
-    a line for each method, scene, light and speed."""
+    a line for each method, scene, light and speed that the answers have.
+
+    A run of programs alone has the exact pixels of docs/results/paper beside it, on its samples.
+    """
     readings = run.readings
-    columns: list[list[str]] = [[""], *([name] for name in readings), ["paper"]]
+    if EXACT not in readings:
+        of_run = {(row.scene, row.sample) for row in read_rows(run.folder / "rows.parquet")}
+        papers = read_rows(PAPER / "rows.parquet")
+        exact = by_photoreceptor(row for row in papers if (row.scene, row.sample) in of_run)
+        readings = {EXACT: exact[EXACT][0], **readings}
+    lines: dict[str, list[str]] = {"": [*map(photoreceptor_label, readings), "paper"]}
     for series in filter(is_main, run.series):
-        metric = TASKS[series.task].metric
+        metric, shown = TASKS[series.task].metric, answered(choose_all(run.scores, series))
         for lead in leads(readings, series):
+            if (lead.cutoff_hz, lead.speed) not in shown:
+                continue
             at = f"{_light_text(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
-            found = [
-                MISSING if one is None else metric.text(one.value, "+")
-                for one in lead.found.values()
-            ]
-            paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-            texts = [
-                f"{TASKS[series.task].label(series.method)}, {lead.scene}, {at}",
-                *found,
-                paper,
-            ]
-            for column, text in zip(columns, texts, strict=True):
-                column.append(text)
-    return _markdown(columns)
+            values = [None if one is None else one.value for one in lead.found.values()]
+            values.append(lead.paper)
+            texts = [MISSING if value is None else metric.text(value, "+") for value in values]
+            lines[f"{TASKS[series.task].label(series.method)}, {lead.scene}, {at}"] = texts
+    return _markdown([*zip(*([name, *texts] for name, texts in lines.items()), strict=True)])
+
+
+def program_verdicts(run: FinishedRun) -> str:
+    """Return the verdict on each claim with each program, a line for each claim."""
+    judged = run.verdicts_by_photoreceptor
+    columns = [["", *map(photoreceptor_label, judged)]]
+    for of_claim in zip(*judged.values(), strict=True):
+        statuses = [one.status for one in of_claim]
+        if {*statuses} <= {Status.NOT_MEASURED, Status.NO_VERDICT}:
+            continue
+        texts = [MISSING if one is Status.NOT_MEASURED else str(one) for one in statuses]
+        columns.append([f"{of_claim[0].number} {of_claim[0].title}", *texts])
+    return _markdown([*zip(*columns, strict=True)])
 
 
 # The verb after one claim, and after several.
@@ -341,6 +360,7 @@ def answers_of(run_dir: Path) -> dict[str, str]:
         "medians": medians(run),
         "designs": designs(run),
         "programs": programs(run),
+        "program_verdicts": program_verdicts(run),
     }
 
 

@@ -266,10 +266,11 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
 
 def method_timings(scored: Iterable[tuple[Setting, str, Score]]) -> Iterator[MethodTimings]:
     """Yield the timings of each method on each sensor, from scores with their sensors and tasks."""
-    groups: dict[tuple[str, str, str, int, str], list[Score]] = {}
+    groups: dict[tuple[str, str, str, int, str, int], list[Score]] = {}
     for setting, task, score in scored:
         if not score.copied:
-            key = task, score.method, score.variant, setting.model.width, setting.name
+            size = setting.model.width, setting.name, setting.model.height
+            key = task, score.method, score.variant, *size
             groups.setdefault(key, []).append(score)
     for key, scores in groups.items():
         yield MethodTimings(

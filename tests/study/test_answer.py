@@ -37,7 +37,7 @@ def of_the_paper() -> dict[str, str]:
     return answers_of(RUN)
 
 
-PAGES = {"chip": "docs/chip.md", "firenet": "docs/learned.md"}
+PAGES = {"chip": "docs/chip.md", "firenet": "docs/learned.md", "paper-v2e": "docs/v2e.md"}
 PAGES_OF_THE_PAPER = "README.md", "docs/results.md", "docs/results_run.md"
 
 
