@@ -224,13 +224,13 @@ def programs(run: FinishedRun) -> str:
         papers = read_rows(PAPER / "rows.parquet")
         exact = by_photoreceptor(row for row in papers if (row.scene, row.sample) in of_run)
         readings = {EXACT: exact[EXACT][0], **readings}
-    lines: dict[str, list[str]] = {"": [*map(photoreceptor_label, readings), "paper"]}
+    lines: dict[str, list[str]] = {"": [*map(_program_text, readings), "paper"]}
     for series in filter(is_main, run.series):
         metric, shown = TASKS[series.task].metric, answered(choose_all(run.scores, series))
         for lead in leads(readings, series):
             if (lead.cutoff_hz, lead.speed) not in shown:
                 continue
-            at = f"{_light_text(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
+            at = f"{cutoff_label(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
             values = [None if one is None else one.value for one in lead.found.values()]
             values.append(lead.paper)
             texts = [MISSING if value is None else metric.text(value, "+") for value in values]
@@ -241,7 +241,7 @@ def programs(run: FinishedRun) -> str:
 def program_verdicts(run: FinishedRun) -> str:
     """Return the verdict on each claim with each program, a line for each claim."""
     judged = run.verdicts_by_photoreceptor
-    columns = [["", *map(photoreceptor_label, judged)]]
+    columns = [["", *map(_program_text, judged)]]
     for of_claim in zip(*judged.values(), strict=True):
         statuses = [one.status for one in of_claim]
         if {*statuses} <= {Status.NOT_MEASURED, Status.NO_VERDICT}:
@@ -249,6 +249,11 @@ def program_verdicts(run: FinishedRun) -> str:
         texts = [MISSING if one is Status.NOT_MEASURED else str(one) for one in statuses]
         columns.append([f"{of_claim[0].number} {of_claim[0].title}", *texts])
     return _markdown([*zip(*columns, strict=True)])
+
+
+def _program_text(name: str) -> str:
+    """Name a photoreceptor, or the version and the step of v2e's program."""
+    return photoreceptor_label(name).removeprefix("v2e ").removesuffix(" a frame")
 
 
 # The verb after one claim, and after several.
