@@ -166,10 +166,10 @@ def dataset(
 
 def _dataset_of(study: str, out: Path, seconds: float, truth: float, dry_run: bool) -> None:
     from tasks.generation.of_study import StudyDataset
-    from tasks.study.presets import PRESETS
-    from tasks.study.study_file import read_study
+    from tasks.study.study_file import preset, preset_names, read_study
 
-    made = StudyDataset(PRESETS.get(study) or read_study(study), seconds, truth)
+    asked = preset(study) if study in preset_names() else read_study(study)
+    made = StudyDataset(asked, seconds, truth)
     if dry_run:
         logging.getLogger(__name__).info(made.estimate(out))
         return

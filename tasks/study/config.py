@@ -4,11 +4,10 @@ from eres_render.sequence.manifest import RENDER_VERSION
 from eres_render.storage.digest import digest as whole_digest
 from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.changes import with_method, with_resolution, with_scenes, with_weights
-from tasks.study.presets import PRESETS, preset
 from tasks.study.settings import Render, Simulate, Study, to_json
+from tasks.study.study_file import preset, preset_names
 
 __all__ = [
-    "PRESETS",
     "STAGE_VERSIONS",
     "DenseFlow",
     "Evaluate",
@@ -21,6 +20,7 @@ __all__ = [
     "Video",
     "digest",
     "preset",
+    "preset_names",
     "to_json",
     "with_method",
     "with_resolution",

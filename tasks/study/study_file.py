@@ -6,6 +6,7 @@ from dataclasses import field, fields, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from eres_render.errors import suggestion
 from eres_render.storage.settings_reader import check_known, read_toml, read_typed
 from sensor.cameras import EventCamera, find_camera
 from sensor.cameras.files import camera_of
@@ -16,6 +17,26 @@ from tasks.registry import TASKS, load
 from tasks.study import rules
 from tasks.study.changes import is_path, with_weights
 from tasks.study.settings import Simulate, Study
+
+_PRESETS = Path(__file__).parent / "presets"
+
+
+def preset_names() -> list[str]:
+    """Return the names of the predefined studies."""
+    return sorted(file.stem for file in _PRESETS.glob("*.toml"))
+
+
+def preset(name: str) -> Study:
+    """Return a predefined study.
+
+    Raises
+    ------
+    StudyError
+        The name is unknown; the message suggests the nearest one.
+    """
+    if name not in preset_names():
+        raise StudyError(f"preset: found {name!r}; {suggestion(name, preset_names())}")
+    return read_study(_PRESETS / f"{name}.toml")
 
 
 def read_study(file: str | Path) -> Study:

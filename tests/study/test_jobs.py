@@ -14,7 +14,7 @@ from eres_render.progress import silent
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
-    PRESETS,
+    preset,
     DenseFlow,
     Flow,
     Reconstruction,
@@ -58,7 +58,7 @@ def test_a_scene_with_nothing_to_do_is_named() -> None:
 
 def test_the_paper_preset_has_its_jobs() -> None:
     """20 clips on each scene, 20 with a longer warm-up for speed 10, one video on the carpet."""
-    paper = PRESETS["paper"]
+    paper = preset("paper")
     counts = [len(jobs_of(paper, load_scene(name))) for name in paper.scenes]
     assert counts == [41, 20, 20]
 

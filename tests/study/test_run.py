@@ -34,7 +34,6 @@ from tasks.evaluation.timings import read_timings
 from tasks.methods import code_of
 from tasks.row import read_rows
 from tasks.study.config import (
-    PRESETS,
     Evaluate,
     Flow,
     Reconstruction,
@@ -527,7 +526,7 @@ def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StudyError, match="found a file"):
         run_study(study, tmp_path / "file")
-    assert PRESETS["quick"].simulate.longest_warm_up_s == WARM_UP_S
+    assert preset("quick").simulate.longest_warm_up_s == WARM_UP_S
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "report.html").write_text("my own")
     with pytest.raises(StudyError, match=r"mine: contains report.html without study.json;"):

@@ -14,6 +14,8 @@ from tasks.advice.law import CROSSING_PX, NEAR_PX, chosen, delay_s, finer_wins, 
 from tasks.advice.stored import TABLE, Window, cases_of, stored_windows
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
+from tasks.study.config import preset
+from tasks.study.settings import AREA
 
 ROOT = Path(__file__).parents[2]
 RUNS = "docs/results/paper", "docs/results/slider"
@@ -80,6 +82,15 @@ def test_the_table_is_what_the_stored_runs_say(stored, tmp_path):
     assert (tmp_path / TABLE).read_text() == text
     assert len(text) <= 100_000
     assert [*stored_windows()] == windows
+
+
+def test_the_preset_divides_one_chip():
+    """Promise: one width of silicon and one lens, and cutoffs that go with a pixel's area."""
+    for camera in preset("chip").simulate.sensors:
+        assert camera.width * camera.pitch_um == pytest.approx(1280 * 4.86)
+        power = float(camera.name.partition(AREA)[2].partition(",")[0])
+        area = (640 / camera.width) ** 2
+        assert camera.cutoff_hz == pytest.approx(200 * area**power)
 
 
 @pytest.mark.slow

@@ -33,7 +33,10 @@ The heads of the pose table (`tab:pose_tracking`) are 1.2, 1.6 and 2.4 m/s for b
 text gives 0.9, 1.2 and 1.8 m/s for the same carpet numbers. We read the columns as factors.
 """
 
-_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["table"]
+PRINTED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+"""All tables, as printed."""
+
+_TABLES = PRINTED["table"]
 _Key = tuple[str, str, str, int, float, float]
 
 
