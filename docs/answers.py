@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -347,26 +347,23 @@ def _wrapped(text: str) -> str:
     return fill(text, _PAGE_WIDTH, break_on_hyphens=False)
 
 
-def answers_of(run_dir: Path) -> dict[str, str]:
-    """Return the texts that a page can have about a run, by name.
+ANSWERS: Mapping[str, Callable[[FinishedRun], str]] = {
+    "overview": lambda run: overview(_choices_of(run), run.base_speeds),
+    "details": lambda run: details(_choices_of(run), run.base_speeds),
+    "claims": lambda run: claim_counts(run.verdicts_by_photoreceptor),
+    "verdicts": lambda run: claim_list(run.verdicts_by_photoreceptor),
+    "samples": sample_worth,
+    "ranks": ranks,
+    "medians": medians,
+    "designs": designs,
+    "programs": programs,
+    "program_verdicts": program_verdicts,
+}
+"""The texts that a page can have about a run.
 
-    Widths are those of each method on the default variant of each task. Only rows of the first
-    photoreceptor and contrast threshold count.
-    """
-    run = read_run(run_dir)
-    found = _choices_of(run)
-    return {
-        "overview": overview(found, run.base_speeds),
-        "details": details(found, run.base_speeds),
-        "claims": claim_counts(run.verdicts_by_photoreceptor),
-        "verdicts": claim_list(run.verdicts_by_photoreceptor),
-        "samples": sample_worth(run),
-        "ranks": ranks(run),
-        "medians": medians(run),
-        "designs": designs(run),
-        "programs": programs(run),
-        "program_verdicts": program_verdicts(run),
-    }
+Widths are those of each method on the default variant of each task. Only rows of the first
+photoreceptor and contrast threshold count.
+"""
 
 
 def _choices_of(run: FinishedRun) -> dict[Series, Choices]:
@@ -374,9 +371,9 @@ def _choices_of(run: FinishedRun) -> dict[Series, Choices]:
     return {series: choose_all(run.scores, series) for series in usual}
 
 
-def with_answers(page: Path, answers: Mapping[str, str]) -> str:
+def with_answers(page: Path, run: FinishedRun) -> str:
     """Replace the text between the comments of a Markdown page."""
-    expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
+    expected = join_words([f"<!-- answer: {name} -->" for name in ANSWERS], "or")
     with reading(page, "a Markdown page", ResultError):
         text = page.read_text(encoding="utf-8")
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
@@ -384,9 +381,9 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
             f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"
         )
     for kind in kinds:
-        if kind not in answers:
+        if kind not in ANSWERS:
             raise ResultError(f"{page}: found <!-- answer: {kind} -->, expected {expected}")
-    return _BLOCK.sub(lambda block: f"{block[1]}\n{answers[block[2]]}\n\n{block[3]}", text)
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{ANSWERS[block[2]](run)}\n\n{block[3]}", text)
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -395,9 +392,9 @@ def main(arguments: Sequence[str]) -> None:
         sys.exit("usage: python docs/answers.py RUN PAGE...")
     run_dir, *pages = map(Path, arguments)
     try:
-        answers = answers_of(run_dir)
+        run = read_run(run_dir)
         for page in pages:
-            write_text(page, with_answers(page, answers))
+            write_text(page, with_answers(page, run))
     except (TaskError, RenderError) as error:
         sys.exit(f"error: {error}")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import (
-    answers_of,
+    ANSWERS,
     claim_counts,
     claim_list,
     details,
@@ -21,7 +21,7 @@ from answers import (
 from study_rows import EI, EPF, HF, nothing_rows, paper_rows
 from tasks.row import Row, write_rows
 from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import Series
 from tasks.study.results.cells import effective_samples
 from tasks.study.results.choice import Choices, answered, choose_all
@@ -33,8 +33,8 @@ PAGE = "Before.\n\n<!-- answer: {} -->\nformer text\n<!-- end of answer --> Afte
 
 
 @pytest.fixture(scope="module")
-def of_the_paper() -> dict[str, str]:
-    return answers_of(RUN)
+def of_the_paper() -> FinishedRun:
+    return read_run(RUN)
 
 
 PAGES = {"chip": "docs/chip.md", "firenet": "docs/learned.md", "paper-v2e": "docs/v2e.md"}
@@ -43,7 +43,7 @@ PAGES_OF_THE_PAPER = "README.md", "docs/results.md", "docs/results_run.md"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES_OF_THE_PAPER)
-def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], page: str) -> None:
+def test_what_the_pages_say_is_what_the_run_says(of_the_paper: FinishedRun, page: str) -> None:
     """Promise: README and docs have the exact answers of docs/results/paper; if not, `make answers`
     rewrites them."""
     assert with_answers(ROOT / page, of_the_paper) == (ROOT / page).read_text()
@@ -54,7 +54,7 @@ def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], p
 def test_pages_of_other_runs_say_what_these_say(run: str) -> None:
     """Promise: as above, of docs/results/chip and docs/results/firenet."""
     page = ROOT / PAGES[run]
-    assert with_answers(page, answers_of(RUN.with_name(run))) == page.read_text()
+    assert with_answers(page, read_run(RUN.with_name(run))) == page.read_text()
 
 
 def choices(rows: list[Row], *series: Series) -> dict[Series, Choices]:
@@ -171,7 +171,7 @@ def test_speed_1_is_that_of_the_run(tmp_path: Path) -> None:
     (tmp_path / "study.json").write_text('{"base_m_per_s": {"carpet": 0.71556}}')
     (tmp_path / "environment.json").write_text("{}")
     for name in ("overview", "details"):
-        text = " ".join(answers_of(tmp_path)[name].split())
+        text = " ".join(ANSWERS[name](read_run(tmp_path)).split())
         assert "Speed 1 is 0.72 m/s on carpet and 0.7 m/s on rocks." in text
 
 

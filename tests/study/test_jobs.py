@@ -14,7 +14,6 @@ from eres_render.progress import silent
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
-    preset,
     DenseFlow,
     Flow,
     Reconstruction,
@@ -23,6 +22,7 @@ from tasks.study.config import (
     Study,
     Tracking,
     Video,
+    preset,
 )
 from tasks.study.run.compute import compute_job
 from tasks.study.run.estimate import work_text
