@@ -32,6 +32,7 @@ answers: .venv/.ready
 	$(BIN)/python docs/answers.py docs/results/paper README.md docs/results.md docs/results_run.md
 	$(BIN)/python docs/answers.py docs/results/chip docs/chip.md
 	$(BIN)/python docs/answers.py docs/results/firenet docs/learned.md
+	$(BIN)/python docs/answers.py docs/results/firenet_slider docs/virtual_slider.md
 	$(BIN)/python docs/answers.py docs/results/paper-v2e docs/v2e.md
 
 lint: .venv/.dev
