@@ -142,7 +142,7 @@ class E2vid:
 
     def _end_window(self) -> None:
         events = concatenate(self._parts)
-        self._parts, self._held = [events[:0]], 0
+        self._parts, self._held = [events[:0].copy()], 0  # a slice would keep them all
         self._ended += 1
         intensity, self._states = self._network.image(self._grid(events), self._states)
         self._image = np.log(np.maximum(intensity.astype(np.float64), DARKEST))

@@ -121,6 +121,19 @@ def test_an_image_between_windows_ends_one():
     assert_windows(grids[:4], events, [0, 25_000, 40_000, 65_000, 70_000])
 
 
+def test_events_of_ended_windows_are_forgotten():
+    """Promise: at the end of a window a network keeps no events, which each sensor would have."""
+    events = stream(count=100_000)
+    run(events, [100_000])  # compiles
+    method = E2vid(W, H, 0.2, network=Recorder())
+    tracemalloc.start()
+    method.push(events.copy())
+    method.image(100_000)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 13 * 5000  # bytes of 5,000 events; a window has 25,000
+
+
 def test_windows_begin_with_the_first_event_and_may_be_empty():
     """Promise: a stretch without events before the first is skipped; later ones count."""
     late = stream(10, 5000)
