@@ -18,6 +18,7 @@ from textwrap import fill
 from scipy.stats import spearmanr
 
 from eres_render.errors import RenderError, reading
+from eres_render.scene.scene import name_and_seed
 from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS, sigma_mm
@@ -36,7 +37,7 @@ from tasks.study.results.choice import (
     width_in_design,
 )
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.scores import by_photoreceptor
+from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,
@@ -50,6 +51,7 @@ from tasks.study.results.words import (
 _PAGE_WIDTH = 100
 PAPER = Path(__file__).parent / "results" / "paper"
 EXACT = "two_pole"
+_ALL = "all"
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
@@ -224,7 +226,25 @@ def programs(run: FinishedRun) -> str:
         papers = read_rows(PAPER / "rows.parquet")
         exact = by_photoreceptor(row for row in papers if (row.scene, row.sample) in of_run)
         readings = {EXACT: exact[EXACT][0], **readings}
-    lines: dict[str, list[str]] = {"": [*map(_program_text, readings), "paper"]}
+    return _leads_table(run, readings, {name: _program_text(name) for name in readings})
+
+
+def seeds(run: FinishedRun) -> str:
+    """Return the lead of the finest sensor on each seed of the scenes and on all of them, beside
+    the paper's; lines are as in `programs`."""
+    rows = read_rows(run.folder / "rows.parquet")
+    every = sorted({name_and_seed(row.scene)[1] for row in rows})
+    readings = {
+        str(seed): Scores(row for row in rows if name_and_seed(row.scene)[1] == seed)
+        for seed in every
+    }
+    heads = {name: f"seed {name}" for name in readings} | {_ALL: "all"}
+    return _leads_table(run, {**readings, _ALL: run.scores}, heads)
+
+
+def _leads_table(run: FinishedRun, readings: Mapping[str, Scores], heads: Mapping[str, str]) -> str:
+    """Return leads with each reading and the paper's, with the interval of a reading `_ALL`."""
+    lines: dict[str, list[str]] = {"": [*heads.values(), "paper"]}
     for series in filter(is_main, run.series):
         metric, shown = TASKS[series.task].metric, answered(choose_all(run.scores, series))
         for lead in leads(readings, series):
@@ -232,8 +252,11 @@ def programs(run: FinishedRun) -> str:
                 continue
             at = f"{cutoff_label(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
             values = [None if one is None else one.value for one in lead.found.values()]
-            values.append(lead.paper)
-            texts = [MISSING if value is None else metric.text(value, "+") for value in values]
+            texts = [MISSING if v is None else metric.text(v, "+") for v in (*values, lead.paper)]
+            of_all = lead.found.get(_ALL)
+            if of_all and of_all.low is not None and of_all.high is not None:
+                ends = metric.text(of_all.low, "+"), metric.text(of_all.high, "+")
+                texts[-2] += f" [{', '.join(ends)}]"
             lines[f"{TASKS[series.task].label(series.method)}, {lead.scene}, {at}"] = texts
     return _markdown([*zip(*([name, *texts] for name, texts in lines.items()), strict=True)])
 
@@ -357,6 +380,7 @@ ANSWERS: Mapping[str, Callable[[FinishedRun], str]] = {
     "medians": medians,
     "designs": designs,
     "programs": programs,
+    "seeds": seeds,
     "program_verdicts": program_verdicts,
 }
 """The texts that a page can have about a run.

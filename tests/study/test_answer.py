@@ -180,6 +180,26 @@ def test_speed_1_is_that_of_the_run(tmp_path: Path) -> None:
         assert "Speed 1 is 0.72 m/s on carpet and 0.7 m/s on rocks." in text
 
 
+def test_the_lead_of_each_seed(tmp_path: Path) -> None:
+    """Promise: a column for each texture and path, and the interval of all; here the finest sensor
+    is 1 dB better on the second seed."""
+    rows = [row for row in paper_rows(scenes=("carpet",)) if row.width >= 640]
+    rows += [replace(r, scene="carpet@1", value=r.value + (r.width == 1280)) for r in rows]
+    write_rows(tmp_path / "rows.parquet", rows)
+    for name in ("study.json", "environment.json"):
+        (tmp_path / name).write_text("{}")
+    heads, _, *lines = ANSWERS["seeds"](read_run(tmp_path)).splitlines()
+    assert heads == "|  | seed 0 | seed 1 | all | paper |"
+    for line in lines:
+        of_first, of_second, of_all, paper = line.strip("| ").split(" | ")[1:]
+        assert of_first == paper
+        assert float(of_second.replace("−", "-")) == pytest.approx(
+            float(of_first.replace("−", "-")) + 1, abs=0.011
+        )
+        assert of_all.endswith("]")
+    assert lines
+
+
 def verdicts(*statuses: Status) -> list[Verdict]:
     return [Verdict(n, "", "", status, "", "", "") for n, status in enumerate(statuses, start=1)]
 
