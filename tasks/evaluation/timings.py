@@ -148,8 +148,10 @@ def split_shared_time(
 
 
 def timings_file(timings: JobTimings) -> bytes:
-    """Return the content of a job's file."""
-    return json.dumps(asdict(timings)).encode()
+    """Return the content of a job's file, in which times have four digits."""
+    exact = json.dumps(asdict(timings))
+    rounded = json.loads(exact, parse_float=lambda text: float(f"{float(text):.4g}"))
+    return json.dumps(rounded, separators=(",", ":")).encode()
 
 
 def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobTimings]:
