@@ -205,14 +205,18 @@ def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, byt
         (H, W) L_t, 1/s.
     """
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
-    share = central_crop(strength)[..., None]
-    color = np.where(share > 0, BRIGHTER, DARKER)
-    picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
+    picture = Image.fromarray(np.round(127 * central_crop(strength) + 127).astype(np.uint8))
+    ramp = np.arange(-127, 128)[:, None] / 127
+    color = np.where(ramp > 0, BRIGHTER, DARKER)
+    palette = np.array(NONE) + np.abs(ramp) * (color - np.array(NONE))
+    picture.putpalette(palette.round().astype(np.uint8).tobytes())
+    file = BytesIO()
+    picture.save(file, "PNG", optimize=True)
     numbers = asdict(scaling)
     for histogram in numbers["intervals"]:
         histogram["cutoff_hz"] = repr(histogram["cutoff_hz"])  # JSON has no inf
     return {
-        f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
+        f"{scaling.scene}.png": file.getvalue(),
         f"{scaling.scene}.json": json.dumps(numbers).encode(),
     }
 
