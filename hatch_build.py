@@ -31,7 +31,9 @@ _STEPS = (
 )
 
 
-def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
+def get_requires_for_build_wheel(  # type: ignore[no-redef]
+    config_settings: dict[str, Any] | None = None,
+) -> list[str]:
     """Return what has to be installed where a wheel is built."""
     return [*hatchling.build.get_requires_for_build_wheel(config_settings), *_KERNELS_NEED]
 

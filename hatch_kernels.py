@@ -80,7 +80,7 @@ def run_sensor() -> None:
     find_camera("davis346").on(16, 16).simulate(frames, t_s)
     for cutoff_hz in (200.0, math.inf):
         for version in ("A", "C"):
-            v2e(100 * frames, t_s, cutoff_hz=cutoff_hz, version=version)  # type: ignore[arg-type]
+            v2e(100 * frames, t_s, cutoff_hz=cutoff_hz, version=version)
     run_on_events(events)
 
 
@@ -99,7 +99,7 @@ def run_on_events(events: Any) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, format in (("3.raw", "evt3"), ("2.raw", "evt2"), ("a.txt", "text")):
             path = Path(folder) / name
-            triggers = {} if format == "text" else {"triggers": both}
+            triggers: dict[str, Any] = {} if format == "text" else {"triggers": both}
             write_events(path, events, format=format, **triggers)
             load_events(path)
             if triggers:
@@ -108,8 +108,7 @@ def run_on_events(events: Any) -> None:
 
 def run_methods() -> None:
     """Run the methods for flow and tracking that need no network."""
-    names = [f"{task}:{name}" for task in ("flow", "tracking") for name in TASKS[task].methods]
-    compile_methods(names)
+    compile_methods((task, name) for task in ("flow", "tracking") for name in TASKS[task].methods)
 
 
 def run_footage() -> None:

@@ -196,6 +196,25 @@ def test_the_wheels_code_is_used_until_an_edit(folder, variables, tmp_path):
     assert result(1) == (1, 2, 0, 0)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not shipped.runs_here("x86-64-v3"), reason="needs a processor of x86-64-v3")
+def test_a_build_compiles_the_kernels(tmp_path, monkeypatch):
+    """Promise: a wheel has those of the sensor, its formats, the methods and footage, for both
+    kinds of processors. `test_wheel.py` runs them."""
+    monkeypatch.syspath_prepend(ROOT)
+    import hatch_build  # whose folder is on no path but here
+
+    assert hatch_build._compile_kernels(str(ROOT), tmp_path) == ""
+    for target in shipped.TARGETS:
+        modules = {place.name for place in (tmp_path / "kernels" / target).iterdir()}
+        assert modules > {
+            "sensor.kernels.advance",
+            "sensor.formats.evt3",
+            "tasks.methods.photometric_tracking.accumulation",
+            "tasks.footage.warping",
+        }
+
+
 def test_no_kernel_is_compiled_by_numba_alone():
     """Promise: Numba itself neither sees edits of other files nor compiles once for all."""
     packages = ("sensor", "eres_render", "tasks")
