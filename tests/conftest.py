@@ -1,8 +1,6 @@
 """Fixtures and settings of all tests."""
 
-import fcntl
 import gc
-import hashlib
 import os
 import signal
 import sys
@@ -14,31 +12,15 @@ from hypothesis import HealthCheck, settings
 ROOT = Path(__file__).parent.parent
 
 
-def compiled_folder():
-    """Return the folder of Numba's cache: one for each version of the kernels.
-
-    The cache does not notice a changed function in another file.
-    """
-    kernels = hashlib.sha256()
-    for package in ("eres_render", "sensor", "tasks"):
-        for file in sorted((ROOT / package).rglob("*.py")):
-            code = file.read_bytes()
-            if b"numba" in code or b"jit" in code:
-                kernels.update(code)
-    return ROOT / "build" / "numba" / kernels.hexdigest()[:12]
-
-
 # Ignored where the tests run in the background or under `nohup`; tests send them.
 for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     if signal.getsignal(getattr(signal, _name)) == signal.SIG_IGN:
         signal.signal(getattr(signal, _name), _handler)
 
-os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
+os.environ["NUMBA_CACHE_DIR"] = str(ROOT / "build" / "numba")  # read when Numba is imported
 # Read when NumPy is imported: the small problems of tests are slower on several threads, and two
 # workers share the machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-from numba.core.caching import IndexDataCacheFile  # noqa: E402
 
 from browser import CHROMIUM  # noqa: E402
 from eres_render import load_scene  # noqa: E402
@@ -54,16 +36,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
-
-
-def save_alone(index, key, data):
-    """Store a kernel while no other worker does: Numba may mix up two that are stored at once."""
-    with open(f"{index._index_path}.saving", "ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        save(index, key, data)
-
-
-save, IndexDataCacheFile.save = IndexDataCacheFile.save, save_alone
 
 
 # Files that take long, the longest first, so that no worker is left alone with one at the end. One
