@@ -200,16 +200,20 @@ def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) 
     stride = max(1, image.shape[1] // _SAMPLES)
     rows, columns = (np.arange(0, side, stride) for side in image.shape)
     log_light = np.log(image + DARK_SHARE)
-    high = low = log_light[np.ix_(rows, columns)]
+    y, x = (one.ravel() for one in np.meshgrid(rows, columns, indexing="ij"))
+    high = low = log_light[y, x]
+    silent = np.arange(len(y))  # so far
+    path_px = min(path_px, math.hypot(*image.shape))  # then the image has passed
     for s in np.linspace(0, path_px, math.ceil(path_px) + 1):
-        passed = log_light[
-            np.ix_(
-                np.clip(np.rint(rows - s * math.sin(angle)).astype(int), 0, image.shape[0] - 1),
-                np.clip(np.rint(columns - s * math.cos(angle)).astype(int), 0, image.shape[1] - 1),
-            )
-        ]
+        from_y = np.clip(np.rint(y - s * math.sin(angle)).astype(int), 0, image.shape[0] - 1)
+        from_x = np.clip(np.rint(x - s * math.cos(angle)).astype(int), 0, image.shape[1] - 1)
+        passed = log_light[from_y, from_x]
         high, low = np.maximum(high, passed), np.minimum(low, passed)
-    return float(np.mean(image[np.ix_(rows, columns)] ** 2 * (high - low >= threshold)))
+        left = high - low < threshold
+        y, x, high, low, silent = (one[left] for one in (y, x, high, low, silent))
+    squares = image[np.ix_(rows, columns)] ** 2
+    squares.flat[silent] = 0
+    return float(np.mean(squares))
 
 
 def _taper(count: int) -> Floats:

@@ -224,8 +224,8 @@ def test_one_pole_is_refused():
         ladder(View(speed=1.0, distance=1.0, lux=100), camera, [346])
 
 
-@pytest.mark.parametrize("has_image", [False, True])
-def test_it_answers_at_once(has_image, tmp_path):
+@pytest.mark.parametrize(("speed", "has_image"), [("0.5", False), ("0.5", True), ("50", False)])
+def test_it_answers_at_once(speed, has_image, tmp_path):
     """Promise: in less than a second of CPU time, without what simulating and plotting load."""
     light = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
     file = tmp_path / "photograph.png"
@@ -233,8 +233,8 @@ def test_it_answers_at_once(has_image, tmp_path):
     options = ("--image", str(file)) if has_image else ()
     code = (
         "import atexit, sys, time; from tasks.cli import main; "
-        f"sys.argv = ['eres', 'advise', *{(*ASK, *options)}, '--lux', '100', '--sensor', "
-        "'gen4-cd']; "
+        f"sys.argv = ['eres', 'advise', *{('--speed', speed, *ASK[2:], *options)}, '--lux', '100', "
+        "'--sensor', 'gen4-cd']; "
         "slow = 'numba', 'scipy', 'cv2', 'pyarrow'; "
         "atexit.register(lambda: print(time.process_time(), {*slow} & {*sys.modules})); main()"
     )
