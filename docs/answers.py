@@ -22,7 +22,7 @@ from eres_render.scene.scene import name_and_seed
 from eres_render.storage.atomic import write_text
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS, sigma_mm
-from tasks.row import read_rows
+from tasks.row import Row, read_rows
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.report.finished_run import FinishedRun, read_run
@@ -232,12 +232,10 @@ def programs(run: FinishedRun) -> str:
 def seeds(run: FinishedRun) -> str:
     """Return the lead of the finest sensor on each seed of the scenes and on all of them, beside
     the paper's; lines are as in `programs`."""
-    rows = read_rows(run.folder / "rows.parquet")
-    every = sorted({name_and_seed(row.scene)[1] for row in rows})
-    readings = {
-        str(seed): Scores(row for row in rows if name_and_seed(row.scene)[1] == seed)
-        for seed in every
-    }
+    of_seed: dict[int, list[Row]] = {}
+    for row in read_rows(run.folder / "rows.parquet"):
+        of_seed.setdefault(name_and_seed(row.scene)[1], []).append(row)
+    readings = {str(seed): Scores(of_seed[seed]) for seed in sorted(of_seed)}
     heads = {name: f"seed {name}" for name in readings} | {_ALL: "all"}
     return _leads_table(run, {**readings, _ALL: run.scores}, heads)
 
