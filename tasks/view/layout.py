@@ -9,15 +9,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from tasks.view.drawing import Palette, Picture, resized
+from tasks.view.drawing import Palette, Picture, plain, resized
 
 _SMALL_PX = 360  # pictures of less height are enlarged by an integer factor
 _GAP_PX, _MARGIN_PX = 8, 4
 _TEXT_SHARE = 0.065  # size of the text over the height of the pictures
 _MIN_TEXT_PX, _MAX_TEXT_PX = 12, 24
 _FINER = 4  # letters are drawn this much larger and averaged, for positions between pixels
+_OPACITY = np.arange(256)[:, None] / 255
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +84,14 @@ class Layout:
         line = round(1.4 * self._text_px)
         below = self._height + _GAP_PX // 2
         height = below + 3 * line + 2 * _GAP_PX
-        page = Image.new("RGB", (self._page_px, height + height % 2), self._palette.page)
+        page = plain(self._page_px, height + height % 2, self._palette.page)
         for panel, left, width in zip(panels, self._lefts, self._widths, strict=True):
-            page.paste(Image.fromarray(resized(panel.picture, width, self._height)), (left, 0))
+            picture = resized(panel.picture, width, self._height)
+            page[: self._height, left : left + width] = picture
             self._write(page, left, below, panel.title, width)
             self._write(page, left, below + line, panel.detail, width, dim=True)
         self._write(page, 0, below + _GAP_PX + 2 * line, footer, self._page_px, dim=True)
-        return np.asarray(page)
+        return page
 
     def _measure(self, panels: Sequence[Panel], footer: str) -> None:
         """Choose text that fits below the narrowest picture, and a page that fits the footer."""
@@ -103,16 +106,25 @@ class Layout:
         self._page_px = width + width % 2
 
     def _write(
-        self, page: Image.Image, x: int, y: int, text: str, most: int, dim: bool = False
+        self, page: Picture, x: int, y: int, text: str, most: int, dim: bool = False
     ) -> None:
         """Write a line at most `most` px wide, starting at column x."""
         ink, behind = np.array(self._palette.text), np.array(self._palette.page)
-        color = ink + (0.3 if dim else 0.0) * (behind - ink)
-        font = _font(_FINER * self._text_px)
-        width = min(math.ceil(font.getlength(text) / _FINER), most - 2 * _MARGIN_PX)
-        mask = Image.new("L", (_FINER * max(width, 1), _FINER * round(1.4 * self._text_px)))
-        ImageDraw.Draw(mask).text((0, 0), text, 255, font=font)
-        page.paste(tuple(color.astype(int)), (x + _MARGIN_PX, y), mask.reduce(_FINER))
+        color = (ink + (0.3 if dim else 0.0) * (behind - ink)).astype(int)
+        letters = _letters(text, self._text_px, most - 2 * _MARGIN_PX)
+        height, width = letters.shape
+        shades = np.round(behind + _OPACITY * (color - behind)).astype(np.uint8)
+        page[y : y + height, x + _MARGIN_PX :][:, :width] = shades[letters]
+
+
+@lru_cache
+def _letters(text: str, size_px: int, most: int) -> NDArray[np.uint8]:
+    """Return the (H, W) opacity of a line of text, at most `most` px wide."""
+    font = _font(_FINER * size_px)
+    width = min(math.ceil(font.getlength(text) / _FINER), most)
+    mask = Image.new("L", (_FINER * max(width, 1), _FINER * round(1.4 * size_px)))
+    ImageDraw.Draw(mask).text((0, 0), text, 255, font=font)
+    return np.asarray(mask.reduce(_FINER))
 
 
 @lru_cache
