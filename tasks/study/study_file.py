@@ -111,7 +111,11 @@ def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
     if _OLD in table:
         table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:
-        table["bus_mev_s"] = _bus_mev_s(table.pop("bus"), file)
+        bus = read_typed(str, table.pop("bus"), file, StudyError, "simulate.bus")
+        try:
+            table["bus_mev_s"] = camera_of({"bus": bus}).bus_hz / 1e6
+        except SensorError as error:
+            raise StudyError(f"{file}: simulate.{error}") from None
     if "sensors" not in table:
         return table
     table.setdefault("widths", [])
@@ -167,15 +171,6 @@ _ONE_OF = (
     (_OLD, "photoreceptors"),
     ("bus", "bus_mev_s"),
 )
-
-
-def _bus_mev_s(camera: Any, file: Path) -> float:
-    """Return the capacity of a camera's bus, million events per second."""
-    name = read_typed(str, camera, file, StudyError, "simulate.bus")  # bus_mev_s is the number
-    try:
-        return camera_of({"bus": name}).bus_hz / 1e6
-    except SensorError as error:
-        raise StudyError(f"{file}: simulate.{error}") from None
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:
