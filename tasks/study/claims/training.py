@@ -60,7 +60,6 @@ def _other_nights(on: SceneScores, twin: str) -> NumberText:
     for cutoff_hz in _OTHER_NIGHTS_HZ:
         numbers = lead([1280], cutoff_hz), _over_twin(twin, cutoff_hz)
         with suppress(NotMeasured):
-            on.require(cell for number in numbers for cell in number.cells)
             ahead, gain = (estimated(number, on).text(unit=on.metric.unit) for number in numbers)
             text += f"; {cutoff_hz:g} Hz: lead of 1280 px {ahead}, over the twin {gain}"
     return NumberText(text)
