@@ -101,15 +101,12 @@ def _placed(scene: Any, file: Path) -> Any:
 
 
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
-    """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
+    """Return the fields of `Simulate`, with cameras and buses resolved."""
     table = dict(given)
-    new = [name for name in table if name != _OLD]
-    check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
+    check_known(table, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
     for name, other in _ONE_OF:
         if name in table and other in table:
             raise StudyError(f"{file}: simulate: give {name} or {other}, not both")
-    if _OLD in table:
-        table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:
         bus = read_typed(str, table.pop("bus"), file, StudyError, "simulate.bus")
         try:
@@ -164,13 +161,7 @@ def read_camera_of(entry: Any, where: str, folder: str | Path) -> EventCamera:
     return camera if camera.name else replace(camera, name=f"{width}x{height}")
 
 
-_OLD = "photoreceptor"  # the field of older versions
-_ONE_OF = (
-    ("cutoffs_hz", "illuminance_lux"),
-    ("speeds", "speeds_m_s"),
-    (_OLD, "photoreceptors"),
-    ("bus", "bus_mev_s"),
-)
+_ONE_OF = ("cutoffs_hz", "illuminance_lux"), ("speeds", "speeds_m_s"), ("bus", "bus_mev_s")
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:
