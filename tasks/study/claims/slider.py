@@ -34,7 +34,6 @@ from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
-_FAST = FACTORS[_FAST_M_PER_S]
 _NATIVE = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
 _PAPERS_START = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
 _UNMEASURED = Status.NOT_MEASURED
@@ -125,7 +124,7 @@ class SliderClaim(Claim):
 
     def _lead(self, on: SceneScores, hz: float, middle_hz: float) -> NumberText:
         """Return the lead of the middle distance, with what is compared if the claim does not."""
-        at, widths, speed = "", [_MIDDLE, _FULL], _FAST
+        at, widths, speed = "", [_MIDDLE, _FULL], FACTORS[_FAST_M_PER_S]
         if self.recorded:
             widths = sorted({at.width for at in on.scores.conditions(on.series, on.scene)})[-2:]
             speed = on.scores.speeds(on.series, on.scene)[-1]
