@@ -20,7 +20,7 @@ from sensor.cameras.camera import BUS_KEYS
 from sensor.errors import SensorError
 from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.evaluation.settings import MAY_BE_ZERO, Flow, unlike_two_poles
+from tasks.evaluation.settings import MAY_BE_ZERO, Flow, Tracking, unlike_two_poles
 from tasks.registry import TASKS
 from tasks.study.results.previews import INDEX_NAME
 from tasks.tracking import KNOT_INTERVAL_S, PATH_S
@@ -68,9 +68,8 @@ def _check_numbers(section: str, values: Any) -> None:
         least, most = _RANGES.get(place, (0, math.inf))
         zero = MAY_BE_ZERO.items() <= field.metadata.items()
         for value in given if isinstance(given, tuple) else (given,):
-            if type(value) not in (int, float):
-                continue
-            if not least <= value <= most or (value == 0 and not zero):
+            is_number = type(value) in (int, float)
+            if is_number and (not least <= value <= most or (value == 0 and not zero)):
                 low = "0 or more" if zero else "a positive number"
                 low = f"at least {least}" if least else low
                 high = f", at most {most}" if most < math.inf else ""
@@ -80,21 +79,19 @@ def _check_numbers(section: str, values: Any) -> None:
 def _check_lists(study: Study) -> None:
     """Refuse empty lists, values twice, and paths of scenes that the study does not have."""
     simulate, tracking = study.simulate, study.evaluate["tracking"]
-    names = ["illuminance_lux", "speeds_m_s"]  # before the fields that follow from them
-    names += ["area_exponents", "cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"]
-    names += ["simulators", "frame_steps_px"]
-    if simulate.widths or not simulate.sensors:
-        names.append("widths")
-    lists: list[tuple[str, tuple[Any, ...] | None]] = [("scenes", study.scenes)]
-    lists += [(f"simulate.{name}", getattr(simulate, name)) for name in names]
-    if simulate.sensors:
-        lists.append(("simulate.sensors", tuple(camera.name for camera in simulate.cameras)))
-    if tracking.methods:
-        lists.append(("evaluate.tracking.sigmas_mm", getattr(tracking, "sigmas_mm", None)))
-    for task, _, planned in plans(study):
-        lists.append((f"evaluate.{task}, methods", planned.methods or None))
+    given = {field.name: getattr(simulate, field.name) for field in fields(simulate)}
+    given["sensors"] = tuple(camera.name for camera in simulate.cameras) or None
+    given["widths"] = simulate.widths or (None if simulate.sensors else ())
+    tuples = {name: values for name, values in given.items() if isinstance(values, tuple)}
+    lists: list[tuple[str, tuple[Any, ...]]] = [("scenes", study.scenes)]
+    # In reverse, as cutoffs and speeds follow from later fields.
+    lists += [(f"simulate.{name}", tuples[name]) for name in reversed(tuples)]
+    if isinstance(tracking, Tracking) and tracking.methods:
+        lists.append(("evaluate.tracking.sigmas_mm", tracking.sigmas_mm))
+    planned = [(task, settings.methods) for task, _, settings in plans(study)]
+    lists += [(f"evaluate.{task}, methods", methods) for task, methods in planned if methods]
     for place, values in lists:
-        if values is not None and not 0 < len(values) == len(set(values)):
+        if not 0 < len(values) == len(set(values)):
             expected = "each once" if values else "one or more"
             raise StudyError(f"{place}: found {values or 'none'}, expected {expected}")
     for name in study.trajectories or {}:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from eres_render.sequence.clips import WARM_UP_S
@@ -321,17 +322,14 @@ class Simulate:
         camera, light, model
         """
         for camera in self.all_cameras(render):
-            own = own_of(camera)
-            thresholds = (None,) if "contrast_thresholds" in own else self.contrast_thresholds
-            kinds = (None,) if "photoreceptors" in own else self.photoreceptors
+            own, own_C = own_of(camera), camera.contrast_threshold
+            thresholds = (own_C,) if "contrast_thresholds" in own else self.contrast_thresholds
+            kinds = (camera.photoreceptor,) if "photoreceptors" in own else self.photoreceptors
             for light in self.lights:
                 ideal = math.isinf(light.on(camera).cutoff_hz)
-                for kind in kinds[:1] if ideal else kinds:
-                    pixels = camera if kind is None else replace(camera, photoreceptor=kind)
-                    for C in thresholds:
-                        if C is not None:
-                            pixels = replace(pixels, contrast_threshold=C)
-                        yield camera, light, light.on(pixels, white)
+                for kind, C in product(kinds[:1] if ideal else kinds, thresholds):
+                    pixels = replace(camera, photoreceptor=kind, contrast_threshold=C)
+                    yield camera, light, light.on(pixels, white)
 
     def emulations(self, render: Render, white: float = 1.0) -> list[Emulation | None]:
         """Return what simulates each sensor's pixels.
@@ -350,12 +348,10 @@ class Simulate:
         """
         steps_px = self.frame_steps_px or (render.max_displacement_px,)
         programs: list[Emulation | None] = [None] if "exact" in self.simulators else []
-        for simulator in self.simulators:
-            if version := _VERSIONS.get(simulator):
-                for step_px in steps_px:
-                    every = round(step_px / render.max_displacement_px)
-                    name = f"v2e-{version}-{step_px:g}px"
-                    programs.append(Emulation(version, every, white, name))
+        versions = [_VERSIONS[name] for name in self.simulators if name in _VERSIONS]
+        for version, step_px in product(versions, steps_px):
+            every = round(step_px / render.max_displacement_px)
+            programs.append(Emulation(version, every, white, f"v2e-{version}-{step_px:g}px"))
         return programs
 
     def first(self, render: Render) -> Simulate:

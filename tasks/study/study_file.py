@@ -101,17 +101,18 @@ def _placed(scene: Any, file: Path) -> Any:
 
 
 def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
-    """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
+    """Return the fields of `Simulate`, with cameras and buses resolved."""
     table = dict(given)
-    new = [name for name in table if name != _OLD]
-    check_known(new, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
+    check_known(table, [*_names(Simulate), "bus"], file, StudyError, "simulate.")
     for name, other in _ONE_OF:
         if name in table and other in table:
             raise StudyError(f"{file}: simulate: give {name} or {other}, not both")
-    if _OLD in table:
-        table["photoreceptors"] = [table.pop(_OLD)]
     if "bus" in table:
-        table["bus_mev_s"] = _bus_mev_s(table.pop("bus"), file)
+        bus = read_typed(str, table.pop("bus"), file, StudyError, "simulate.bus")
+        try:
+            table["bus_mev_s"] = camera_of({"bus": bus}).bus_hz / 1e6
+        except SensorError as error:
+            raise StudyError(f"{file}: simulate.{error}") from None
     if "sensors" not in table:
         return table
     table.setdefault("widths", [])
@@ -160,22 +161,7 @@ def read_camera_of(entry: Any, where: str, folder: str | Path) -> EventCamera:
     return camera if camera.name else replace(camera, name=f"{width}x{height}")
 
 
-_OLD = "photoreceptor"  # the field of older versions
-_ONE_OF = (
-    ("cutoffs_hz", "illuminance_lux"),
-    ("speeds", "speeds_m_s"),
-    (_OLD, "photoreceptors"),
-    ("bus", "bus_mev_s"),
-)
-
-
-def _bus_mev_s(camera: Any, file: Path) -> float:
-    """Return the capacity of a camera's bus, million events per second."""
-    name = read_typed(str, camera, file, StudyError, "simulate.bus")  # bus_mev_s is the number
-    try:
-        return camera_of({"bus": name}).bus_hz / 1e6
-    except SensorError as error:
-        raise StudyError(f"{file}: simulate.{error}") from None
+_ONE_OF = ("cutoffs_hz", "illuminance_lux"), ("speeds", "speeds_m_s"), ("bus", "bus_mev_s")
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:

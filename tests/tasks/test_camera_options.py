@@ -119,7 +119,7 @@ def test_one_file_is_one_camera_in_every_command(tmp_path, eres, monkeypatch):
 def test_a_study_names_a_photoreceptor(tmp_path):
     """Promise: it reaches every sensor and the keys of results; without it both stay the same."""
     file = tmp_path / "mine.toml"
-    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "v2e"')
+    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptors = ["v2e"]')
     study = read_study(file)
     assert study.simulate.photoreceptors == ("v2e",)
     models = [one.model for one in jobs_of(study, load_scene("carpet"))[0].settings(2.0)]
@@ -140,7 +140,7 @@ def test_a_study_names_a_photoreceptor(tmp_path):
     assert digest(Simulate(photoreceptors=("v2e",)).decides) == digest(older)
     both = Simulate(photoreceptors=("two_pole", "v2e"))
     assert digest(both.decides) not in (digest(older), digest(without))
-    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "three_pole"')
+    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptors = ["three_pole"]')
     with pytest.raises(ValueError, match=r"photoreceptors.*: found 'three_pole', expected 'two"):
         read_study(file)
 

@@ -4,7 +4,7 @@ and E-RAFT."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
 
@@ -22,7 +22,6 @@ from tasks.study.claims.statistics import (
     IDEAL,
     NIGHT,
     SceneCell,
-    Statistic,
     growth,
     lead,
     margin,
@@ -72,22 +71,11 @@ def _against_initial_flow(on: SceneScores) -> NumberText:
 
 
 def _suffers_less(
-    name: str,
-    series: Series,
-    growths: Sequence[Statistic],
-    photometric: Sequence[Statistic],
-    *,
-    beside: tuple[Mapping[str, str], ...] = (),
-    note: str = "",
+    name: str, series: Series, *beside: Mapping[str, str], note: str = ""
 ) -> SceneClaim:
-    """Return claim 21, which the paper makes of two methods.
-
-    Parameters
-    ----------
-    growths, photometric
-        Growth of the error when the light falls, at each of `WIDTHS`: of the method, and of
-        photometric flow.
-    """
+    """Return claim 21, which the paper makes of two methods."""
+    growths = [growth(width) for width in WIDTHS]
+    photometric = [growth(width, PHOTOMETRIC.method, PHOTOMETRIC.task) for width in WIDTHS]
     quotients = [other / own for other, own in zip(photometric, growths, strict=True)]
     return SceneClaim(
         number=21,
@@ -186,13 +174,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         note="The paper's text says 0.2 px. Both of its tables have 0.12 px, so we compare with "
         "the tables.",
     ),
-    _suffers_less(
-        "contrast maximization",
-        PHOTOMETRIC,
-        [growth(width, CONTRAST.method) for width in WIDTHS],
-        [growth(width) for width in WIDTHS],
-        note="The paper says the same of E-RAFT.",
-    ),
+    _suffers_less("contrast maximization", CONTRAST, note="The paper says the same of E-RAFT."),
     SceneClaim(
         number=17,
         why="Not known, for lack of weights.",
@@ -211,11 +193,5 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         note="Ideal light counts once: there, ideal pixels send the same events at every speed. In "
         "the paper's table the same holds at 9 m/s.",
     ),
-    _suffers_less(
-        "E-RAFT",
-        ERAFT,
-        [growth(width) for width in WIDTHS],
-        [growth(width, PHOTOMETRIC.method, PHOTOMETRIC.task) for width in WIDTHS],
-        beside=_OURS,
-    ),
+    _suffers_less("E-RAFT", ERAFT, *_OURS),
 )

@@ -69,12 +69,9 @@ def _by_light(scores: Scores, series: Series) -> str:
 
 
 def _text(count: Counter[Status]) -> str:
-    others = {
-        Status.DOES_NOT_HOLD: "worse",
-        Status.UNDECIDED: "undecided",
-        Status.NOT_MEASURED: "not measured",
-    }
-    rest = [f", {count[status]} {word}" for status, word in others.items() if count[status]]
+    others = Status.DOES_NOT_HOLD, Status.UNDECIDED, Status.NOT_MEASURED
+    words = {Status.DOES_NOT_HOLD: "worse"}
+    rest = [f", {count[status]} {words.get(status, status)}" for status in others if count[status]]
     return f"{count[Status.HOLDS]} of {count.total()}{''.join(rest)}"
 
 
@@ -82,8 +79,7 @@ def _outcome(scores: Scores, series: Series, where: Condition) -> Status:
     ours, nothing = scores.cell(series, where), scores.baseline(series, where)
     if not (ours.complete and nothing.complete):
         return Status.NOT_MEASURED
-    lead = lead_over(ours, nothing, series.spec.metric.sign)
-    return settled(lead, above=True, bound=0.0)
+    return settled(lead_over(ours, nothing, series.spec.metric.sign), above=True, bound=0.0)
 
 
 CLAIMS: tuple[Claim, ...] = (

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -88,6 +90,8 @@ class SceneScores:
 
 def estimated(statistic: Statistic, *scenes: SceneScores, tail: float = TAILS[0]) -> Interval:
     """Evaluate a statistic of a scene's medians, with an interval with two such tails."""
+    for on in scenes:
+        on.require(statistic.cells)
     rates = statistic.of_rates
     cells = [
         {at: on.cell(at).rates if rates else on.cell(at) for at in statistic.cells} for on in scenes
@@ -200,23 +204,20 @@ class Number:
         if bound is None:
             return NumberText(text)
         above = self.above is not None and on.scene not in self.below_on
+        holds, fails = Status.HOLDS, Status.DOES_NOT_HOLD
         if on.scores is paper_scores():  # whose spread is unknown: the values decide
-            as_claimed = (ours.value > bound) == above
-            return NumberText(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
-        doubt = ""
+            return NumberText(text, holds if (ours.value > bound) == above else fails)
         if ours.low is not None and not ours.settles(bound):
             tied = ours.low == ours.high == bound  # as where all searches keep their starts
-            doubt = ", tied in these samples" if tied else ", not settled by these samples"
-        status = settled(ours, above=above, bound=bound)
+            text += ", tied in these samples" if tied else ", not settled by these samples"
+        judged = partial(settled, above=above, bound=bound)
+        status = judged(ours)
 
         def fails_at(tail: float) -> bool:
-            if status is not Status.DOES_NOT_HOLD:
-                return False
-            at_tail = estimated(self.statistic, on, tail=tail)
-            return settled(at_tail, above=above, bound=bound) is Status.DOES_NOT_HOLD
+            return status is fails and judged(estimated(self.statistic, on, tail=tail)) is fails
 
         able = None if ours.low is None else fails_at
-        return NumberText(text + doubt, status, self._like_paper(ours, on), able)
+        return NumberText(text, status, self._like_paper(ours, on), able)
 
     def text_of(self, interval: Interval, metric: Metric) -> str:
         """Format the number with its interval.
@@ -244,11 +245,9 @@ class Number:
             return None
         if self.in_words is not None:
             return ours.includes(self.in_words)
-        try:
-            paper.require(self.statistic.cells)
+        with suppress(NotMeasured):
             return ours.includes(estimated(self.statistic, paper).value)
-        except NotMeasured:
-            return None
+        return None
 
 
 class MedianOf(SceneCell):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
-_FAST = FACTORS[_FAST_M_PER_S]
 _NATIVE = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
 _PAPERS_START = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
 _UNMEASURED = Status.NOT_MEASURED
@@ -57,7 +56,6 @@ class SliderClaim(Claim):
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
         """Compare the two distances at the highest speed, in each light on its own."""
-        del scaling
         nearest = next(iter(sweep(scores, TRACKING.method)), None)  # to the truth
         tracking = nearest if self.recorded else judged_series(scores)
         every = [
@@ -78,12 +76,15 @@ class SliderClaim(Claim):
             ours, texts = self._compared(every, deciding, hz, hz)
             outcomes.append(status_of([o.status for o in ours] + [_UNMEASURED] * len(missing)))
             intervals += sum(one.fails_at is not None for one in ours)
-            light = "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
-            light = light if self.recorded else light_label(hz)
+            light = light_label(hz)
+            if self.recorded:
+                light = "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
             lines += [f"{light}: {outcomes[-1]}", *texts]
+            if self.recorded:
+                continue
             area_hz = hz * (_FULL / _MIDDLE) ** 2
             near_hz = min(lights, key=lambda other: abs(math.log(other / area_hz)))
-            if not self.recorded and abs(math.log(near_hz / area_hz)) < math.log(_NEAR):
+            if abs(math.log(near_hz / area_hz)) < math.log(_NEAR):
                 ours, texts = self._compared(deciding, deciding, hz, near_hz)
                 status = status_of(one.status for one in ours)
                 cutoffs = f"{near_hz:.3g} Hz at {_MIDDLE} px (by area {area_hz:.3g} Hz)"
@@ -123,7 +124,7 @@ class SliderClaim(Claim):
 
     def _lead(self, on: SceneScores, hz: float, middle_hz: float) -> NumberText:
         """Return the lead of the middle distance, with what is compared if the claim does not."""
-        at, widths, speed = "", [_MIDDLE, _FULL], _FAST
+        at, widths, speed = "", [_MIDDLE, _FULL], FACTORS[_FAST_M_PER_S]
         if self.recorded:
             widths = sorted({at.width for at in on.scores.conditions(on.series, on.scene)})[-2:]
             speed = on.scores.speeds(on.series, on.scene)[-1]
@@ -132,7 +133,6 @@ class SliderClaim(Claim):
         with suppress(NotMeasured):
             if widths[1:]:
                 lead = median(widths[0], middle_hz, speed) - median(widths[1], hz, speed)
-                on.require(lead.cells)
                 reading = Number(lead, above=0, unit="")(on)
                 return reading._replace(text=f"{at} {reading.text}")
         return NumberText(f"{at} not measured", _UNMEASURED)
@@ -168,9 +168,8 @@ ON_THE_SLIDER = SliderClaim(
     "the other claims.",
 )
 
-ON_RECORDINGS = SliderClaim(
-    number=22,
-    why="Every lag is above 1 px, where widths differ little.",
+ON_RECORDINGS = replace(
+    ON_THE_SLIDER,
     recorded=True,
     title="On a slider, more pixels from a nearer camera are not better",
     statement="On every print, with photometric flow and with pose tracking, errors at the highest "

@@ -142,8 +142,7 @@ def event_rate(width: int, cutoff_hz: float) -> Statistic:
     Statistic
         Events per second.
     """
-    cell = SceneCell(width, cutoff_hz)
-    return Statistic((cell,), lambda rates: rates[cell], lambda at: at[cell], of_rates=True)
+    return replace(median(width, cutoff_hz), of_rates=True)
 
 
 def pixel_rate(width: int, cutoff_hz: float) -> Statistic:

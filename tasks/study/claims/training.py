@@ -18,7 +18,6 @@ from tasks.study.claims.reconstruction import ONE_VIDEO
 from tasks.study.claims.statistics import IDEAL, NIGHT, Statistic, lead, median
 from tasks.study.results.asked import Series
 
-_OTHER_NIGHTS_HZ = 100.0, 20.0  # the second is slower than anything in training
 _NOTE = (
     "The twin learned from the same crops in ideal light alone; everything else about its training "
     "is the same. Gain and cost are at 1280 px."
@@ -57,10 +56,9 @@ def _over_twin(twin: str, cutoff_hz: float) -> Statistic:
 def _other_nights(on: SceneScores, twin: str) -> NumberText:
     """Read the same numbers in further low lights, of those that were measured."""
     text = ""
-    for cutoff_hz in _OTHER_NIGHTS_HZ:
+    for cutoff_hz in (100.0, 20.0):  # the second is slower than anything in training
         numbers = lead([1280], cutoff_hz), _over_twin(twin, cutoff_hz)
         with suppress(NotMeasured):
-            on.require(cell for number in numbers for cell in number.cells)
             ahead, gain = (estimated(number, on).text(unit=on.metric.unit) for number in numbers)
             text += f"; {cutoff_hz:g} Hz: lead of 1280 px {ahead}, over the twin {gain}"
     return NumberText(text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tasks.study.results.asked import MetersPerSecond, SensorId, Series, lux_of
@@ -147,7 +147,7 @@ def main_tables(scores: Scores) -> list[ComparisonTable]:
 
 
 def comparison_table(
-    scores: Scores, series: Series, speeds: Iterable[float] | None = None
+    scores: Scores, series: Series, speeds: Collection[float] | None = None
 ) -> ComparisonTable:
     """Compare our medians with the paper's.
 
@@ -158,12 +158,11 @@ def comparison_table(
         all speeds give that of its appendix.
     """
     cutoffs_hz = tuple(scores.cutoffs_hz(series))
-    shown = scores.speeds(series) if speeds is None else list(speeds)
     blocks = tuple(
         _block(scores, series, scene, speed, cutoffs_hz)
         for scene in scores.scenes(series)
-        for speed in shown
-        if speed in scores.speeds(series, scene)
+        for speed in scores.speeds(series, scene)
+        if speeds is None or speed in speeds
     )
     return ComparisonTable(scores, series, cutoffs_hz, blocks)
 
@@ -218,8 +217,7 @@ def _ours(series: Series, entry: Entry, line: Line) -> str:
 
 
 def _native(series: Series, entry: Entry, line: Line) -> str:
-    value = native_px(entry.cell.median, line, series)
-    return "" if line.sensor is None else _number(series, value)
+    return "" if line.sensor is None else _number(series, native_px(entry, line, series))
 
 
 def _share(series: Series, entry: Entry, line: Line) -> str:
@@ -235,18 +233,18 @@ def _rate(series: Series, entry: Entry, line: Line) -> str:
     return rate_label(None if line.nothing else entry.cell.event_rate_hz)
 
 
-def native_px(value: float | None, line: Line, series: Series) -> float | None:
-    """Convert a score to pixels of the sensor.
+def native_px(entry: Entry, line: Line, series: Series) -> float | None:
+    """Convert a median score to pixels of the sensor.
 
     Returns
     -------
     float or None
         Score in px, or None if it is missing or not in pixels.
     """
-    reference_px = series.spec.metric.reference_width_px
-    if value is None or line.sensor is None or reference_px is None:
+    median, reference_px = entry.cell.median, series.spec.metric.reference_width_px
+    if median is None or line.sensor is None or reference_px is None:
         return None
-    return value * line.sensor.width / reference_px
+    return median * line.sensor.width / reference_px
 
 
 def line_label(line: Line, series: Series) -> str:
@@ -297,10 +295,7 @@ def _csv_line(
 ) -> list[str | int | float]:
     cell, (width, sensor) = entry.cell, line.sensor or ("", "")
     rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
-    numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
-    numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
-    numbers.append(cell.effective_samples)
-    texts = ["" if number is None else f"{number:.6g}" for number in numbers]
+    rate, failed = (None, None) if line.nothing else (rate, cell.failure_share)
     return [
         *(block.scene, series.task, series.method, series.variant, series.metric),
         *(width, sensor),
@@ -309,9 +304,13 @@ def _csv_line(
         line.contrast_threshold,
         *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),
         *(len(cell.values), cell.expected),
-        *texts[:4],
+        *map(_digits, (cell.median, entry.paper, entry.difference, rate)),
         int("bold" in entry.marks.get("ours", "")),
-        *texts[4:6],
+        *map(_digits, (native_px(entry, line, series), failed)),
         "" if entry.beats_nothing is None else int(entry.beats_nothing),
-        texts[6],
+        _digits(cell.effective_samples),
     ]
+
+
+def _digits(number: float | None) -> str:
+    return "" if number is None else f"{number:.6g}"

@@ -37,10 +37,9 @@ PRINTED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="
 """All tables, as printed."""
 
 _TABLES = PRINTED["table"]
-_Key = tuple[str, str, str, int, float, float]
 
 
-def every_published() -> Iterator[tuple[_Key, float]]:
+def every_published() -> Iterator[tuple[tuple[str, str, str, int, float, float], float]]:
     """Yield the arguments of `published`, with exact speeds, and the score of every cell."""
     for table in _TABLES:
         for scene in filter(table.get, BASE_SPEED_M_PER_S):

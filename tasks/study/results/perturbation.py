@@ -35,9 +35,8 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
     from any perturbation (the paper's 128 px is erratic too).
     """
     failed: dict[SensorId, list[NDArray[np.bool_]]] = {}
-    conditions = scores.conditions(series)
-    base = base_speed(scores, series) if conditions else None
-    for where in conditions:
+    base = base_speed(scores, series)
+    for where in scores.conditions(series):
         cell = scores.cell(series, where)
         if math.isinf(where.cutoff_hz) and where.speed == base and cell.complete:
             failed.setdefault(sensor_of(where), []).append(cell.failed)

@@ -173,7 +173,8 @@ class Scores:
 
     def speeds(self, series: Series, scene: str | None = None) -> list[float]:
         """Return the speeds of a series, ascending; factors follow speeds in m/s."""
-        return sorted({where.speed for where in self.conditions(series, scene)}, key=_order)
+        speeds = {where.speed for where in self.conditions(series, scene)}
+        return sorted(speeds, key=lambda speed: (not isinstance(speed, MetersPerSecond), speed))
 
     def conditions(self, series: Series, scene: str | None = None) -> list[Condition]:
         """Return the conditions of a series, on one scene or on all, in the order of the rows."""
@@ -253,10 +254,6 @@ class Scores:
             expected=len(expected),
             paths=(*Counter(seed for seed, _ in index).values(),),
         )
-
-
-def _order(speed: float) -> tuple[bool, float]:
-    return not isinstance(speed, MetersPerSecond), speed
 
 
 def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
