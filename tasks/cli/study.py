@@ -266,13 +266,8 @@ def _show_claims(run: FinishedRun) -> None:
     from tasks.study.results.intervals import BRACKETS
     from tasks.study.results.words import photoreceptor_label
 
-    marks = {
-        Status.HOLDS: Text("holds", "green"),
-        Status.DOES_NOT_HOLD: Text("does not hold", "red"),
-        Status.UNDECIDED: Text("undecided", "yellow"),
-        Status.NOT_MEASURED: Text("not measured", "dim"),
-        Status.NO_VERDICT: Text("no single verdict", "dim"),
-    }
+    colors = {Status.HOLDS: "green", Status.DOES_NOT_HOLD: "red", Status.UNDECIDED: "yellow"}
+    marks = {status: Text(status, colors.get(status, "dim")) for status in Status}
     if not run.verdicts:
         terminal.say("none of the paper's claims is about these sensors, lights and methods")
         return
