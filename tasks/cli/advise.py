@@ -177,9 +177,8 @@ def _words(advice: Advice) -> Iterator[str]:
         share = f"the law is right in {100 * advice.right:.0f} % of stored cases near these lags"
     if predicted:
         share = "by the image"
-        if rest := [
-            (one, name) for one, name in zip(predicted, names, strict=True) if name != first.sensor
-        ]:
+        rest = [(s.predicted_db[0], s.name) for s in advice.sensors if s.name != first.sensor]
+        if rest:
             second, name = max(rest)
             share += f", which predicts {predicted[index] - second:+.2f} dB over {name}"
     yield f"choose {first.sensor}: {share}"
