@@ -16,16 +16,17 @@ from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import new_file, write_text
 from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
-from tasks import exposures
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.exposures import FILE_NAME as FRAMES_TABLE
+from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
 _MAX_DRAWN = 1e18  # that NumPy draws; far above every full well
 
 FILE_NAME = "images.json"
-_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, exposures.FILE_NAME, "manifest.json"
+_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, FRAMES_TABLE, "manifest.json"
 
 
 def write_images(
@@ -99,8 +100,8 @@ def write_images(
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
     exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()
-    images = [exposures.Exposure(*ends, f"{k:06d}.png") for k, ends in enumerate(exposures_us)]
-    exposures.write_exposures(out, images)
+    images = [Exposure(first, last, f"{k:06d}.png") for k, (first, last) in enumerate(exposures_us)]
+    write_exposures(out, images)
     facts = {
         "exposures_us": exposures_us,
         "rate_hz": float(rate_hz),
