@@ -336,8 +336,7 @@ def _psnr_db(view: View, sensors: Sequence[Sensor]) -> list[tuple[float, ...]]:
     *_, finest = sensors
     size = finest.width, finest.height
     picture = spectrum.read_picture(view.image, size[0]) if view.image else spectrum.texture(*size)
-    path_px = view.window * finest.speed_px_s
-    moving = spectrum.MovingImage(picture, path_px, view.direction)
+    moving = spectrum.MovingImage(picture, view.window * finest.speed_px_s, view.direction)
     predicted = []
     for sensor in sensors:
         lags_px = [lag * finest.width / sensor.width for lag in sensor.lags_px]

@@ -171,8 +171,7 @@ class MovingImage:
         )
         box = np.outer(box_y**2, box_x**2)
         whole, crossed = box * np.outer(all_y, all_x), np.outer(box_y * up_y, box_x * up_x)
-        height = round(len(self._image) * width / self._width)
-        image = _averaged(self._image, height, width)
+        image = _averaged(self._image, round(len(self._image) * width / self._width), width)
         errors = np.zeros(len(lags_px))
         for angle, bins, change in self._motions:
             path = self._path_px * width / self._width
