@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import asdict, dataclass, field, make_dataclass
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
 from tyro.conf import arg
@@ -77,10 +77,8 @@ class CameraOptions:
     @property
     def given(self) -> dict[str, Any]:
         """The options that were given, by name."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {
-            name: value for name, value in found.items() if value is not None and value is not False
-        }
+        values = asdict(self).items()
+        return {name: value for name, value in values if value is not None and value is not False}
 
     @property
     def light(self) -> InLight:
