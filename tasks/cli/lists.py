@@ -135,8 +135,7 @@ def sensors(
         return
     if as_json:
         names = camera_names() if camera is None else [camera]
-        cameras = {name: find_camera(name) for name in names}
-        terminal.show_json({name: dict(_values(camera)) for name, camera in cameras.items()})
+        terminal.show_json({name: dict(_values(find_camera(name))) for name in names})
     elif camera is not None:
         _show(find_camera(camera))
     else:
@@ -181,8 +180,7 @@ def _facts(camera: EventCamera) -> Iterator[str]:
 
 def _show(camera: EventCamera) -> None:
     """List all values of a camera."""
-    year = str(camera.year) if camera.year else ""
-    about = camera.title or camera.name, year, camera.interface
+    about = camera.title or camera.name, str(camera.year or ""), camera.interface
     terminal.say(", ".join(filter(None, about)))
     table = terminal.Table("field", "value", "unit", "95 % interval", "kind", "source")
     for name, facts in _values(camera, known=False):

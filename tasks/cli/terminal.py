@@ -175,6 +175,5 @@ class _Lines:
         line = f"{stage}: {timedelta(seconds=round(elapsed_s))} elapsed"
         reached, whole = done - self._start, total - self._start
         if reached > _MIN_DONE * whole:
-            left_s = elapsed_s * (whole / reached - 1)
-            line += f", {timedelta(seconds=round(left_s))} left"
+            line += f", {timedelta(seconds=round(elapsed_s * (whole / reached - 1)))} left"
         err.print(line, soft_wrap=True)
