@@ -11,8 +11,6 @@ from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, SHIFT_LIMIT_US, ReadOptions
 from tasks.events.truth import COPIED, groups_to_copy
 
-_WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
-
 
 def convert(
     source: str | Path,
@@ -70,7 +68,7 @@ def convert(
     both_dsec = to.name == find_format(source, input_format).name == "dsec"
     copied = [name for name in COPIED if both_dsec and name in header.others]
     origin = {**header.origin}
-    for name in _WINDOW:
+    for name in ("window_start_us", "window_end_us"):
         if isinstance(value := origin.get(name), int):
             origin[name] = value + shift_us
     count = write_events(
