@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, Literal
 
 from eres_render.errors import suggestion
@@ -350,8 +350,7 @@ for _task, _spec in TASKS.items():
 
 def load(place: str) -> Any:
     """Import the object at a place, "module:name"."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+    return resolve_name(place)
 
 
 def equalization_variant(name: str) -> str:
