@@ -68,8 +68,7 @@ def flow_at(flow: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArr
     """
     height, width = flow.shape[1:]
     x, y = np.clip(points_px.T - 0.5, 0, [[width - 1], [height - 1]])
-    column = np.minimum(x.astype(np.int64), max(width - 2, 0))
-    row = np.minimum(y.astype(np.int64), max(height - 2, 0))
+    column, row = x.astype(np.int64), y.astype(np.int64)
     right, down = x - column, y - row
     below, beside = np.minimum(row + 1, height - 1), np.minimum(column + 1, width - 1)
     top = (1 - right) * flow[:, row, column] + right * flow[:, row, beside]

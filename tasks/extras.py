@@ -31,15 +31,13 @@ EXTRAS = {
 }
 """The modules of each extra of pyproject.toml that the base install lacks."""
 
-_PYTORCH = "https://pytorch.org/get-started/locally/"
-
 
 def install(extra: str) -> str:
     """Return how to get an extra."""
     command = f"pip install '{DISTRIBUTION}[{extra}]'"
     if "torch" not in EXTRAS[extra] or is_installed("torch"):
         return command
-    return f"install PyTorch as {_PYTORCH} says, then {command}"
+    return f"install PyTorch as https://pytorch.org/get-started/locally/ says, then {command}"
 
 
 def is_installed(module: str) -> bool:

@@ -47,8 +47,7 @@ def code() -> str:
     """Return the commit of the code, or the version if there is no commit."""
     built_from = Path(__file__).with_name("commit.txt")  # only in wheels
     if built_from.exists():
-        commit = built_from.read_text(encoding="utf-8").strip()
-        return f"git {commit} as installed"
+        return f"git {built_from.read_text(encoding='utf-8').strip()} as installed"
     return _git_commit() or f"eres {version(DISTRIBUTION)} as installed"
 
 

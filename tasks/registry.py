@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, Literal
 
 from eres_render.errors import suggestion
@@ -194,9 +194,6 @@ _OURS = "tasks.learned.ours"
 
 _PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
 _RNEPE = Metric("rnepe_px", "RNEPE", "px", False, 0.05, decimals=2, reference_width_px=1280)
-_POSITION_ERROR = Metric(
-    "position_error_mm", "position error", "mm", False, 0.1, decimals=2, digits=3
-)
 _FAILURES = ShareColumn("fail", "share of features that failed")
 
 
@@ -205,11 +202,10 @@ def _method(place: str, **facts: Any) -> MethodSpec:
 
 
 _NEAR: tuple[Need, ...] = ("light", "guess")
-_NEAR_C: tuple[Need, ...] = ("threshold", *_NEAR)
 _baseline = partial(_method, role="baseline", needs=(), cost=Cost())
 _diagnostic = partial(_method, role="diagnostic", needs=())
 _extension = partial(_method, ours=True)
-_near = partial(_method, needs=_NEAR_C)
+_near = partial(_method, needs=("threshold", *_NEAR))
 _with_delay = partial(_near, version=3, ours=True, delay=True)
 _contrast = partial(_method, version=2, needs=())
 _e2vid = partial(_method, "e2vid:E2vid", needs=())
@@ -337,7 +333,7 @@ TASKS["tracking"] = TaskSpec(
         ),
         "initial_path": _baseline("baselines:initial_path"),
     },
-    metric=_POSITION_ERROR,
+    metric=Metric("position_error_mm", "position error", "mm", False, 0.1, decimals=2, digits=3),
     baseline="initial_path",
     scorer=f"{_SCORERS}.tracking:TrackingScorer",
     needs=("poses", "a plane", "a threshold"),
@@ -354,8 +350,7 @@ for _task, _spec in TASKS.items():
 
 def load(place: str) -> Any:
     """Import the object at a place, "module:name"."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+    return resolve_name(place)
 
 
 def equalization_variant(name: str) -> str:

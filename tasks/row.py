@@ -107,7 +107,6 @@ def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
     import pyarrow as pa  # here, as it would slow down `eres --help`
     import pyarrow.parquet as pq
 
-    path = Path(path)
     schema = pa.schema(
         pa.field(name, pa.type_for_alias(kind), nullable=False) for name, kind in _COLUMNS.items()
     )
@@ -123,7 +122,7 @@ def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
         write_page_checksum=True,
         store_schema=False,  # Parquet's own is enough
     )
-    write_bytes(path, data.getvalue().to_pybytes())
+    write_bytes(Path(path), data.getvalue().to_pybytes())
 
 
 def read_rows(path: str | Path) -> list[Row]:

@@ -158,8 +158,7 @@ def perturbed(path: Trajectory, sigma_m: float, seed: int | Sequence[int]) -> Tr
     The perturbed path.
     """
     controls = path.controls.copy()
-    noise = np.random.default_rng(seed).normal(0.0, sigma_m, (len(controls), 3))
-    controls[:, :3, 3] += noise
+    controls[:, :3, 3] += np.random.default_rng(seed).normal(0.0, sigma_m, (len(controls), 3))
     return Trajectory(path.knots_s, controls)
 
 

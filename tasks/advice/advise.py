@@ -336,19 +336,13 @@ def _psnr_db(view: View, sensors: Sequence[Sensor]) -> list[tuple[float, ...]]:
     *_, finest = sensors
     size = finest.width, finest.height
     picture = spectrum.read_picture(view.image, size[0]) if view.image else spectrum.texture(*size)
-    path_px = view.window * finest.speed_px_s
-    moving = spectrum.MovingImage(picture, path_px, view.direction)
-    return [
-        tuple(
-            moving.psnr_db(
-                one.width,
-                [lag * finest.width / one.width for lag in one.lags_px],
-                one.contrast_threshold,
-                one.poles,
-            )
-        )
-        for one in sensors
-    ]
+    moving = spectrum.MovingImage(picture, view.window * finest.speed_px_s, view.direction)
+    predicted = []
+    for sensor in sensors:
+        lags_px = [lag * finest.width / sensor.width for lag in sensor.lags_px]
+        psnr = moving.psnr_db(sensor.width, lags_px, sensor.contrast_threshold, sensor.poles)
+        predicted.append(tuple(psnr))
+    return predicted
 
 
 def advise(view: View, sensors: Sequence[Sensor]) -> Advice:

@@ -86,5 +86,4 @@ def chosen(lags_px: Sequence[float]) -> int:
     int
         The last of those that are finer than their neighbor and win, from the coarsest on.
     """
-    wins = [*map(finer_wins, lags_px[1:]), False]
-    return wins.index(False)
+    return [*map(finer_wins, lags_px[1:]), False].index(False)

@@ -143,9 +143,8 @@ class MovingImage:
             angle = math.radians(degrees)
             along = np.abs(kx * math.cos(angle) + ky * math.sin(angle))
             bins = np.rint(_BINS_PX * along).astype(np.int32).ravel()
-            self._motions.append(
-                (angle, bins, power * (2 - 2 * np.cos(2 * np.pi * path_px * along)))
-            )
+            change = power * (2 - 2 * np.cos(2 * np.pi * path_px * along))
+            self._motions.append((angle, bins, change))
 
     def psnr_db(
         self, width: int, lags_px: Sequence[float], threshold: float = 0.2, poles: int = 2
@@ -172,8 +171,7 @@ class MovingImage:
         )
         box = np.outer(box_y**2, box_x**2)
         whole, crossed = box * np.outer(all_y, all_x), np.outer(box_y * up_y, box_x * up_x)
-        height = round(len(self._image) * width / self._width)
-        image = _averaged(self._image, height, width)
+        image = _averaged(self._image, round(len(self._image) * width / self._width), width)
         errors = np.zeros(len(lags_px))
         for angle, bins, change in self._motions:
             path = self._path_px * width / self._width
@@ -235,11 +233,9 @@ def _enlarged(fine: int, coarse: int, k: Floats) -> tuple[Floats, Floats, Floats
     place = (np.arange(fine // math.gcd(fine, coarse)) + 0.5) / pitch - 0.5
     apart = place - np.floor(place) + np.array([1.0, 0.0, -1.0, -2.0])[:, None]  # coarse px
     x, a = np.abs(apart), _CUBIC
-    weights = np.where(
-        x < 1,
-        ((a + 2) * x - (a + 3)) * x**2 + 1,
-        ((a * x - 5 * a) * x + 8 * a) * x - 4 * a,
-    )
+    near = ((a + 2) * x - (a + 3)) * x**2 + 1
+    far = ((a * x - 5 * a) * x + 8 * a) * x - 4 * a
+    weights = np.where(x < 1, near, far)
     waves = np.cos(2 * np.pi * pitch * k[:, None] * apart.ravel())  # places are symmetric
     response = waves @ weights.ravel() / len(place)
     products = [np.sum(weights[: 4 - n] * weights[n:]) / len(place) for n in range(4)]

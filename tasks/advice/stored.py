@@ -72,13 +72,12 @@ def cases_of(windows: Iterable[Window]) -> list[Case]:
 @cache
 def stored_windows() -> tuple[Window, ...]:
     """Return the windows of the table in this package."""
-    parts = json.loads(files("tasks.advice").joinpath(TABLE).read_text())
     return tuple(
         Window(
             *(part["run"], scene, sample, float(cutoff), speed, px_s),
             *map(tuple, (part["widths"], psnr_db, events)),
         )
-        for part in parts
+        for part in json.loads(files("tasks.advice").joinpath(TABLE).read_text())
         for scene, sample, cutoff, speed, px_s, psnr_db, events in part["windows"]
     )
 

@@ -106,8 +106,7 @@ def advise(
             "several cameras are compared as they are in one field of view: give --fov, and "
             "neither --focal-length nor --widths"
         )
-    width = max(widths or WIDTHS)
-    chip = cameras[0] if cameras else replace(plain_camera(width), pitch_um=pitch)
+    chip = cameras[0] if cameras else replace(plain_camera(max(widths or WIDTHS)), pitch_um=pitch)
     full, _ = chip.size
     if focal_length is not None:
         fov = fov_of(full, chip.pitch_um, focal_length)
@@ -169,17 +168,15 @@ def _short(value: float, digits: int = 3) -> str:
 def _words(advice: Advice) -> Iterator[str]:
     """Yield what to choose, how sure that is, and where to see it."""
     first, *others = advice.choices
-    names = [sensor.name for sensor in advice.sensors]
-    index = names.index(first.sensor)
+    index = [sensor.name for sensor in advice.sensors].index(first.sensor)
     predicted = [sensor.predicted_db[0] for sensor in advice.sensors if sensor.predicted_db]
     share = "no stored case has nearly its lag"
     if advice.right is not None:
         share = f"the law is right in {100 * advice.right:.0f} % of stored cases near these lags"
     if predicted:
         share = "by the image"
-        if rest := [
-            (one, name) for one, name in zip(predicted, names, strict=True) if name != first.sensor
-        ]:
+        rest = [(s.predicted_db[0], s.name) for s in advice.sensors if s.name != first.sensor]
+        if rest:
             second, name = max(rest)
             share += f", which predicts {predicted[index] - second:+.2f} dB over {name}"
     yield f"choose {first.sensor}: {share}"

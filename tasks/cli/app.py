@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sized
 from dataclasses import is_dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, arg
@@ -95,6 +95,6 @@ def _hide_unset(function: Callable[..., Any]) -> None:
         if is_dataclass(plain[name]):
             _hide_unset(plain[name])
         elif parameter.default is None or parameter.default is False:
-            own = get_args(whole[name])[1:] if get_origin(whole[name]) is Annotated else ()
+            own = getattr(whole[name], "__metadata__", ())  # of `Annotated`
             parts = plain[name], arg(help_behavior_hint=""), *own  # the last hint counts
             function.__annotations__[name] = Annotated[parts]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import asdict, dataclass, field, make_dataclass
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
 from tyro.conf import arg
@@ -40,11 +40,10 @@ def _type(name: str, key: Key) -> Any:
 
 def _with_keys(options: _Options) -> _Options:
     """Return the options with one more for each key of a camera."""
-    keys = {name: key for name, key in KEYS.items() if key.part != "name"}
     more = [
         (name, _type(name, key), field(default=False if key.kind == "flag" else None))
-        for name, key in keys.items()
-        if name not in _NO_OPTION
+        for name, key in KEYS.items()
+        if key.part != "name" and name not in _NO_OPTION
     ]
     namespace = {"__doc__": options.__doc__, "__module__": options.__module__}
     return make_dataclass(  # type: ignore[return-value]
@@ -78,16 +77,13 @@ class CameraOptions:
     @property
     def given(self) -> dict[str, Any]:
         """The options that were given, by name."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {
-            name: value for name, value in found.items() if value is not None and value is not False
-        }
+        values = asdict(self).items()
+        return {name: value for name, value in values if value is not None and value is not False}
 
     @property
     def light(self) -> InLight:
         """The light."""
-        given = self.given
-        return {"lux": self.lux, "cutoff_hz": given.get("cutoff")}
+        return {"lux": self.lux, "cutoff_hz": self.given.get("cutoff")}
 
     def camera(self, width: int, height: int, *, usual_width: int | None = None) -> EventCamera:
         """Return the camera for frames of this size; an option for its cutoff is in `light`.
@@ -113,10 +109,9 @@ class CameraOptions:
         given = self.given
         if {"lux", "cutoff"} <= {*given}:
             raise TaskError("give --lux or --cutoff, not both")
-        table = {name: value for name, value in given.items() if name in {*KEYS} - {"cutoff"}}
-        named = {"sensor": "base", "electronics": "electronics"}
-        table |= {word: given[name] for name, word in named.items() if name in given}
-        camera = camera_of(table)
+        words = {name: name for name in ("electronics", *KEYS) if name != "cutoff"}
+        words["sensor"] = "base"
+        camera = camera_of({words[name]: given[name] for name in given if name in words})
         if camera.width is not None:
             if self.resolution is not None:
                 raise TaskError(

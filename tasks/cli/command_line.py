@@ -112,13 +112,11 @@ def run() -> None:
         )
     except UsageError as error:
         _fail(str(error), 2)
-    except (RenderError, SensorError, EventError, TaskError) as error:
-        _fail(advice(error, _JOBS.get(sys.argv[1])) or str(error))
-    except ModuleNotFoundError as error:
+    except (RenderError, SensorError, EventError, TaskError, ModuleNotFoundError) as error:
         missing = advice(error, _JOBS.get(sys.argv[1]))
-        if missing is None:
+        if missing is None and isinstance(error, ModuleNotFoundError):
             raise
-        _fail(missing)
+        _fail(missing or str(error))
     except BrokenPipeError:  # the reader has what it wants; Python would complain at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)  # as Rich does

@@ -62,9 +62,8 @@ class View:
 
     def camera_of(self, scene: eres_render.Scene) -> eres_render.Camera:
         """Return the camera of the file, or that of the scene with these sides."""
-        sides = "resolution", "width", "height"
-        given = [f"--{side}" for side in sides if getattr(self, side) is not None]
-        given += ["--camera"] if self.camera is not None else []
+        names = "resolution", "width", "height", "camera"
+        given = [f"--{name}" for name in names if getattr(self, name) is not None]
         if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
             known = "--resolution, or --width and --height, or --camera"
             found = f"found {' and '.join(given)}, expected {known}"
@@ -75,11 +74,10 @@ class View:
             return read_camera(self.camera, self.camera_name)
         if self.camera_name is not None:
             raise eres_render.RenderError(f"--camera-name {self.camera_name} needs --camera")
-        if self.resolution is not None:
-            return scene.camera(self.resolution)
-        if self.width is None and scene.film is not None:
+        if not given and scene.film is not None:
             return scene.camera(scene.film.width, scene.film.height)
-        return scene.camera(self.width or 1280, self.height)
+        width = self.width if self.resolution is None else self.resolution
+        return scene.camera(1280 if width is None else width, self.height)
 
 
 OF_THE_SCENE = View()

@@ -30,7 +30,6 @@ def doctor(*, as_json: AsJson = False) -> int:
 
     The exit code is 1 if Mitsuba is installed but no renderer works.
     """
-    import importlib.util
     import os
     import platform
     import shutil
@@ -56,7 +55,6 @@ def doctor(*, as_json: AsJson = False) -> int:
     cache = cache_dir()
     free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
     used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
-    specs = {name: importlib.util.find_spec(name) for name in ("eres_render", "sensor", "tasks")}
     hiding = eres_events.shadows([os.getcwd()])
     facts = {
         **{
@@ -67,7 +65,7 @@ def doctor(*, as_json: AsJson = False) -> int:
         'sensor, device="cuda"': _sensor_on_a_gpu(),
         "python": f"{platform.python_version()} at {sys.executable}",
         **versions(),
-        **{f"import {n}": str(spec.origin if spec else "missing") for n, spec in specs.items()},
+        **{f"import {n}": str(sys.modules[n].__file__) for n in ("eres_render", "sensor", "tasks")},
         **{f"{n} in scripts here": f"{file}, but for eres_events" for n, file in hiding.items()},
         "scenes": str(scene_root()),
         "cache": f"{cache}: {used / 1e9:.1f} GB used, {free / 1e9:.0f} GB free",
@@ -137,13 +135,11 @@ def sensors(
         return
     if as_json:
         names = camera_names() if camera is None else [camera]
-        cameras = {name: find_camera(name) for name in names}
-        terminal.show_json({name: dict(_values(camera)) for name, camera in cameras.items()})
+        terminal.show_json({name: dict(_values(find_camera(name))) for name in names})
     elif camera is not None:
         _show(find_camera(camera))
     else:
-        heads = "sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s"
-        table = terminal.Table(*heads)
+        table = terminal.Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s")
         for each in map(find_camera, camera_names()):
             table.add_row(*_facts(each))
         terminal.show(table)
@@ -184,8 +180,7 @@ def _facts(camera: EventCamera) -> Iterator[str]:
 
 def _show(camera: EventCamera) -> None:
     """List all values of a camera."""
-    year = str(camera.year) if camera.year else ""
-    about = camera.title or camera.name, year, camera.interface
+    about = camera.title or camera.name, str(camera.year or ""), camera.interface
     terminal.say(", ".join(filter(None, about)))
     table = terminal.Table("field", "value", "unit", "95 % interval", "kind", "source")
     for name, facts in _values(camera, known=False):

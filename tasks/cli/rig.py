@@ -261,8 +261,7 @@ def solve(
         solve_recording(recording, read_detections(recording.folder / corners), unknowns, max_rms)
         for recording in opened
     ]
-    calibration = RigCalibration(recordings=tuple(solved))
-    write_text(out, json_text(calibration), overwrite=overwrite)
+    write_text(out, json_text(RigCalibration(recordings=tuple(solved))), overwrite=overwrite)
     table = terminal.Table("recording", "markers", "rms", "latency", "scale", "corner bias")
     for result in solved:
         markers = f"{result.inliers} of {result.markers} in {result.images} images"

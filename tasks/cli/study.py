@@ -266,13 +266,8 @@ def _show_claims(run: FinishedRun) -> None:
     from tasks.study.results.intervals import BRACKETS
     from tasks.study.results.words import photoreceptor_label
 
-    marks = {
-        Status.HOLDS: Text("holds", "green"),
-        Status.DOES_NOT_HOLD: Text("does not hold", "red"),
-        Status.UNDECIDED: Text("undecided", "yellow"),
-        Status.NOT_MEASURED: Text("not measured", "dim"),
-        Status.NO_VERDICT: Text("no single verdict", "dim"),
-    }
+    colors = {Status.HOLDS: "green", Status.DOES_NOT_HOLD: "red", Status.UNDECIDED: "yellow"}
+    marks = {status: Text(status, colors.get(status, "dim")) for status in Status}
     if not run.verdicts:
         terminal.say("none of the paper's claims is about these sensors, lights and methods")
         return
@@ -289,12 +284,10 @@ def _show_claims(run: FinishedRun) -> None:
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.say(Text("\n") + Text(", ").join(counted))
-    notes = BRACKETS, chance_note(run.verdicts), threshold_note(run.found)
-    for note in filter(None, notes):
+    for note in filter(None, (BRACKETS, chance_note(run.verdicts), threshold_note(run.found))):
         terminal.out.print(note, highlight=False)
-    judged = run.verdicts_by_photoreceptor
     for name in run.others:
-        changed = changed_verdicts({"": run.verdicts, name: judged[name]})
+        changed = changed_verdicts({"": run.verdicts, name: run.verdicts_by_photoreceptor[name]})
         named = [Text.assemble(f"{new.number} ", marks[new.status]) for _, new in changed]
         changes = Text(", ").join(named) if named else Text("no verdict changes")
         terminal.say(Text(f"With {photoreceptor_label(name)}: ") + changes)

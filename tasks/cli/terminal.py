@@ -73,7 +73,7 @@ class Table(rich.table.Table):
             least.append(natural[-1] if column.no_wrap else max(size.minimum for size in sizes))
         padding = Measurement.get(console, unbounded, self).maximum - sum(natural)
         room = options.max_width - padding if console.is_terminal else _UNBOUNDED
-        widths = list(_fitted(natural, least, room))
+        widths = _fitted(natural, least, room)
         for column, width in zip(self.columns, widths, strict=True):
             column.width = width
         wide = options.update(width=max(options.max_width, sum(widths) + padding))
@@ -83,26 +83,22 @@ class Table(rich.table.Table):
             yield Segment.line()
 
 
-def _without_trailing_blanks(line: list[Segment]) -> Iterator[Segment]:
+def _without_trailing_blanks(line: list[Segment]) -> list[Segment]:
     """Drop the padding at the end of a line; in a pipe it may be hundreds of columns."""
-    end = len(line)
-    while end and not line[end - 1].text.strip():
-        end -= 1
-    yield from line[: end - 1] if end else []
-    if end:
-        yield Segment(line[end - 1].text.rstrip(), line[end - 1].style)
+    while line and not line[-1].text.strip():
+        line.pop()
+    if line:
+        line[-1] = line[-1]._replace(text=line[-1].text.rstrip())
+    return line
 
 
-def _fitted(natural: list[int], least: list[int], room: int) -> Iterator[int]:
-    """Yield column widths: the widest are cut to one width that fits, but not below `least`."""
-
-    def cut_to(width: int) -> list[int]:
-        return [max(low, min(full, width)) for full, low in zip(natural, least, strict=True)]
-
-    width = max(natural, default=0)
-    while width > 0 and sum(cut_to(width)) > room:
-        width -= 1
-    yield from cut_to(width)
+def _fitted(natural: list[int], least: list[int], room: int) -> list[int]:
+    """Return column widths: the widest are cut to one width that fits, but not below `least`."""
+    for width in range(max(natural, default=0), -1, -1):
+        widths = [max(low, min(full, width)) for full, low in zip(natural, least, strict=True)]
+        if sum(widths) <= room:
+            break
+    return widths
 
 
 out = Console()
@@ -179,6 +175,5 @@ class _Lines:
         line = f"{stage}: {timedelta(seconds=round(elapsed_s))} elapsed"
         reached, whole = done - self._start, total - self._start
         if reached > _MIN_DONE * whole:
-            left_s = elapsed_s * (whole / reached - 1)
-            line += f", {timedelta(seconds=round(left_s))} left"
+            line += f", {timedelta(seconds=round(elapsed_s * (whole / reached - 1)))} left"
         err.print(line, soft_wrap=True)

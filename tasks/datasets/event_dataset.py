@@ -121,8 +121,7 @@ class EventDataset:
                 raise TaskError(f"{name}: found {value!r}, expected a whole number of at least 1")
         self.recordings = find_recordings(Path(folder))
         self.targets = _checked_targets(self.recordings, targets)
-        self.window_us = None if window_us is None else int(window_us)
-        self.window_events = None if window_events is None else int(window_events)
+        self.window_us, self.window_events = window_us, window_events
         self.transform = transform
         if window_us is None and window_events is None:
             _check_present(self.recordings, "flow", "give window_us or window_events")

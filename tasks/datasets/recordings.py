@@ -141,15 +141,13 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
 def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> DatasetRecording:
     origin = read_header(path).origin
     with DsecReader(path) as reader:
+        window_us = 0, 0
         if "window_start_us" in origin and "window_end_us" in origin:
             with reading(path):
                 window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
-        else:
-            last = len(reader) - 1
-            window_us = 0, 0
-            if last >= 0:
-                first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, last))
-                window_us = first_us, last_us + 1
+        elif count := len(reader):
+            first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, count - 1))
+            window_us = first_us, last_us + 1
         with reading(path, dsec.TITLE):
             truth = reader.file.get("truth", {})
             times: tuple[int, ...] = ()

@@ -11,8 +11,6 @@ from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, SHIFT_LIMIT_US, ReadOptions
 from tasks.events.truth import COPIED, groups_to_copy
 
-_WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
-
 
 def convert(
     source: str | Path,
@@ -67,13 +65,10 @@ def convert(
     if from_start:
         shift_us = -next((int(part.t_us[0]) for part in parts if len(part)), 0)
         parts = reading.parts(source, input_format)
-    left_out, add = list(header.others), None
-    copied = [name for name in COPIED if name in left_out]
-    if copied and to.name == find_format(source, input_format).name == "dsec":
-        left_out = [name for name in left_out if name not in copied]
-        add = groups_to_copy(source, copied, shift_us)
+    both_dsec = to.name == find_format(source, input_format).name == "dsec"
+    copied = [name for name in COPIED if both_dsec and name in header.others]
     origin = {**header.origin}
-    for name in _WINDOW:
+    for name in ("window_start_us", "window_end_us"):
         if isinstance(value := origin.get(name), int):
             origin[name] = value + shift_us
     count = write_events(
@@ -84,8 +79,8 @@ def convert(
         # A clock that starts at 0 has no start to shift.
         t_offset_us=0 if from_start or not header.t_offset_us else header.t_offset_us + shift_us,
         triggers=read_triggers(source, format=input_format).later(shift_us),
-        add=add,
+        add=groups_to_copy(source, copied, shift_us) if copied else None,
         overwrite=overwrite,
     )
-    warn_of_loss(out, to, left_out)
+    warn_of_loss(out, to, [name for name in header.others if name not in copied])
     return count

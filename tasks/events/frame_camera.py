@@ -16,16 +16,17 @@ from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import new_file, write_text
 from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
-from tasks import exposures
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.exposures import FILE_NAME as FRAMES_TABLE
+from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
 _MAX_DRAWN = 1e18  # that NumPy draws; far above every full well
 
 FILE_NAME = "images.json"
-_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, exposures.FILE_NAME, "manifest.json"
+_IN_USE = "[0-9]" * 6 + ".png", FILE_NAME, FRAMES_TABLE, "manifest.json"
 
 
 def write_images(
@@ -99,10 +100,8 @@ def write_images(
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
     exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()
-    spans = enumerate(exposures_us)
-    exposures.write_exposures(
-        out, (exposures.Exposure(first, last, f"{k:06d}.png") for k, (first, last) in spans)
-    )
+    images = [Exposure(first, last, f"{k:06d}.png") for k, (first, last) in enumerate(exposures_us)]
+    write_exposures(out, images)
     facts = {
         "exposures_us": exposures_us,
         "rate_hz": float(rate_hz),
@@ -157,12 +156,10 @@ def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Floa
     first = max(0, int(np.searchsorted(t_s, start_s, "right")) - 1)
     stop = min(len(t_s), int(np.searchsorted(t_s, end_s, "left")) + 1)
     t = t_s[first:stop]
-    weights = np.zeros(len(t))
-    for k in range(len(t) - 1):
-        low, high = max(t[k], start_s), min(t[k + 1], end_s)
-        if high > low:
-            share = (0.5 * (low + high) - t[k]) / (t[k + 1] - t[k])  # of the later frame
-            weights[k : k + 2] += (high - low) * np.array([1 - share, share])
+    low, high = np.maximum(t[:-1], start_s), np.minimum(t[1:], end_s)
+    share = (0.5 * (low + high) - t[:-1]) / np.diff(t)  # of the later frame
+    weights = np.append((high - low) * (1 - share), 0.0)
+    weights[1:] += (high - low) * share
     return first, weights / weights.sum()
 
 

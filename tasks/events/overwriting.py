@@ -32,6 +32,5 @@ def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
 def _is_read(path: Path, source: Path) -> bool:
     """Return whether a file is a source, or one of a folder of frames."""
     if source.is_dir():
-        inside = source.resolve() in path.resolve().parents
-        return inside and path.suffix.lower() in _OF_FRAMES
+        return source.resolve() in path.resolve().parents and path.suffix.lower() in _OF_FRAMES
     return path.samefile(source)

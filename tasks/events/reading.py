@@ -109,13 +109,11 @@ class FootageOptions:
         from tasks.footage import open_footage
 
         if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
-            options = asdict(self)
-            start_s, end_s = options.pop("start"), options.pop("end")
-            del options["interpolate"]
-            opened = open_footage(path, **options)
-            if start_s is None and end_s is None:
+            names = "fps", "time_unit", "encoding", "layer", "repair"
+            opened = open_footage(path, **{name: getattr(self, name) for name in names})
+            if self.start is None and self.end is None:
                 return opened
-            return opened.between(start_s or 0.0, end_s)
+            return opened.between(self.start or 0.0, self.end)
         if self != NO_FOOTAGE:
             raise TaskError(f"{path}: is a rendered sequence; footage options do not apply to it")
         return open_sequence(path)

@@ -53,8 +53,7 @@ def truth_to_add(
     def add(path: Path) -> None:
         with writable(path, new=False) as (file, storage):
             group = file.create_group("truth")
-            t_us = np.round(times_s / speed * 1e6).astype(np.int64)
-            group["t_us"] = sequence.t_offset_us + t_us
+            group["t_us"] = sequence.t_offset_us + np.round(times_s / speed * 1e6).astype(np.int64)
             group["T_world_cam"] = truth.trajectory.pose(times_s)
             camera = truth.camera(*size)
             group["K"] = camera.K
@@ -70,8 +69,7 @@ def truth_to_add(
                         group.create_dataset(name, shape, image.dtype, chunks=chunks, **_COMPRESSED)
                     group[name][k] = image
             if truth.objects:
-                poses = np.stack([object.pose(times_s) for object in truth.objects])
-                group["T_world_object"] = poses
+                group["T_world_object"] = [object.pose(times_s) for object in truth.objects]
                 group["T_world_object"].attrs["names"] = [object.name for object in truth.objects]
 
     return add
@@ -86,8 +84,7 @@ def _images(
         images["instances"] = truth.instances(t_s, *size)
     if next_s is not None:
         flow = truth.flow(t_s, next_s, *size)
-        images["flow"] = flow.flow_px
-        images |= {"flow_valid": flow.valid, "flow_occluded": flow.occluded}
+        images |= {"flow": flow.flow_px, "flow_valid": flow.valid, "flow_occluded": flow.occluded}
     return images
 
 

@@ -22,7 +22,6 @@ _log = logging.getLogger(__name__)
 _MIN_FPS, _MAX_FPS = 1e-3, 1e8  # times are whole nanoseconds
 
 Float32 = NDArray[np.float32]
-Coded = NDArray[np.generic]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -156,7 +155,7 @@ def open_footage(
     path = Path(path)
     if fps is not None and not _MIN_FPS <= fps <= _MAX_FPS:
         raise TaskError(f"fps: found {fps}, expected {_MIN_FPS:g} to {_MAX_FPS:g}")
-    coded: Callable[[], Iterator[Coded]]
+    coded: Callable[[], Iterator[NDArray[np.generic]]]
     files: list[Path] = []
     if path.is_dir():
         files = images.list_images(path)

@@ -138,11 +138,10 @@ def times_ns(
 
 def _check_complete(files: list[Path]) -> None:
     """Refuse gaps in the numbering, after which evenly spaced times would be wrong."""
-    numbers = [[int(part) for part in _parts(file) if part.isdecimal()][-1:] for file in files]
-    counts = [number[0] for number in numbers if number]
-    if len(counts) < len(files):
+    numbers = [[int(part) for part in _parts(file) if part.isdecimal()] for file in files]
+    if not all(numbers):
         return
-    steps = np.diff(counts)
+    steps = np.diff([each[-1] for each in numbers])
     gaps = [*np.flatnonzero(steps <= 0), *np.flatnonzero(steps > np.min(steps))]
     if gaps:
         before, after = files[gaps[0] : gaps[0] + 2]

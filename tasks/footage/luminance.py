@@ -46,8 +46,7 @@ class Luminance:
     def __init__(
         self, encoding: str, white_level: float, repair: bool = False, advice: str = ""
     ) -> None:
-        types = np.uint8, np.uint16
-        codes = [np.arange(np.iinfo(kind).max + 1, dtype=kind) for kind in types]
+        codes = [np.arange(np.iinfo(kind).max + 1, dtype=kind) for kind in (np.uint8, np.uint16)]
         self._light = {code.dtype.name: to_linear(code, encoding) for code in codes}
         self._least = -DARK_SHARE * white_level
         self._repair = repair

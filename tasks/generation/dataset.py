@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -69,20 +68,17 @@ def make_dataset(
         with locked(out / ".lock", wait=False):
             claim_folder(settings, out)  # others may have done so at the same time
             missing = [number for number, folder in enumerate(folders) if not folder.is_dir()]
-            finished = count - len(missing)
 
             def counted(stage: str, done: float, of: float, /) -> None:
-                done += finished
+                done += count - len(missing)
                 on_progress(f"{int(done)} of {count} sequences, {stage}", done, count)
 
             if missing:
                 _log.info("%s", estimate(settings, len(missing)))
                 if scheduler is None:
-                    making = _make_here(settings, missing, out, counted)
+                    _make_here(settings, missing, out, counted)
                 else:
-                    making = _make_on_workers(scheduler, settings, missing, out)
-                for done, _ in enumerate(making, start=1):
-                    counted("next", done, len(missing))
+                    _make_on_workers(scheduler, settings, missing, out, counted)
             with suppress(OSError):  # it holds what a call for more sequences has begun
                 (out / UNFINISHED).rmdir()
     except LockedError:
@@ -95,17 +91,17 @@ def make_dataset(
 
 
 def _make_here(
-    settings: DatasetSettings, numbers: Sequence[int], out: Path, on_progress: Progress
-) -> Iterator[int]:
+    settings: DatasetSettings, numbers: list[int], out: Path, on_progress: Progress
+) -> None:
     """Make sequences one after another, each on all cores."""
     for k, number in enumerate(numbers):
         complete_sequence(settings, number, out, part(on_progress, k, 1, len(numbers)))
-        yield number
+        on_progress("next", k + 1, len(numbers))
 
 
 def _make_on_workers(
-    address: str, settings: DatasetSettings, numbers: Sequence[int], out: Path
-) -> Iterator[int]:
+    address: str, settings: DatasetSettings, numbers: list[int], out: Path, on_progress: Progress
+) -> None:
     """Make sequences on the workers of a Dask scheduler."""
     with connected(address) as client:
         from distributed import as_completed
@@ -115,9 +111,9 @@ def _make_on_workers(
             client.submit(_complete, settings, number, place, code, pure=False): number
             for number in numbers
         }
-        for future in as_completed(number_of, loop=client.loop):
+        for done, future in enumerate(as_completed(number_of, loop=client.loop), start=1):
             outcome(future, f"sequence {number_of[future]}")
-            yield number_of[future]
+            on_progress("next", done, len(numbers))
 
 
 def _complete(settings: DatasetSettings, number: int, place: str, code: str) -> None:

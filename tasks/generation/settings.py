@@ -20,7 +20,7 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
 from sensor.cameras import EventCamera
-from sensor.cameras.files import camera_of, values_of
+from sensor.cameras.files import values_of
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
@@ -210,7 +210,7 @@ def claim_table(table: dict[str, Any], out: Path) -> None:
     """Write settings as values for JSON into a folder, or check that they match those in it."""
     file = out / FILE_NAME
     if file.exists():
-        old = _with_later_fields(read_json(dict[str, Any], file, TaskError))
+        old = read_json(dict[str, Any], file, TaskError)
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
@@ -221,22 +221,3 @@ def claim_table(table: dict[str, Any], out: Path) -> None:
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
         raise TaskError(f"{out}: contains other files; choose a new folder, or that of a dataset")
     write_text(file, json.dumps(table, indent=1) + "\n")
-
-
-def _with_later_fields(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a table of an older version with the fields of today.
-
-    Older files have a number of poles in place of a photoreceptor, no warm-up, which was six time
-    constants of the slowest cutoff, and `pixel`, `width`, `height` and `threshold` for the sensor.
-    """
-    slowest_hz = min(map(float, table.get("cutoffs_hz", ["inf"])))
-    table = {"warm_up_s": _whole_microseconds(needed_s(slowest_hz, 1.0, 0.0)), **table}
-    if "pixel" not in table:
-        return table
-    sensor = {name: value for name, value in table.pop("pixel").items() if value is not None}
-    if "poles" in sensor:
-        sensor["photoreceptor"] = "two_pole" if sensor.pop("poles") == 2 else "one_pole"
-    if sensor["fill_factor"] == 1:
-        del sensor["fill_factor"]  # which is unknown today
-    sensor |= {name: table.pop(name) for name in ("width", "height", "threshold")}
-    return {**table, "sensor": values_of(camera_of(sensor))}

@@ -318,28 +318,16 @@ def test_a_cutoff_follows_the_light_where_there_is_one():
     assert real.cutoff_reference is not None
 
 
-def test_a_dataset_of_an_older_version_continues(tmp_path):
-    """Promise: dataset.json with a sensor of options, or with `poles`, is that of the same one."""
+def test_a_dataset_states_its_sensor(tmp_path):
+    """Promise: dataset.json has what the sensor does not have by default; another is refused."""
     camera = dataclasses.replace(plain_camera(32, 24), leak_hz=0.1, fill_factor=0.22)
     settings = DatasetSettings(seed=0, seconds=1.0, sensor=camera)
     claim_folder(settings, tmp_path)
-    file = tmp_path / "dataset.json"
-    older = json.loads(file.read_text())
-    assert older.pop("sensor") == {"width": 32, "height": 24, "fill_factor": 0.22, "leak": 0.1}
-    pixel = {
-        **{"profile": None, "threshold_off": None, "cutoff": None, "illuminance": None},
-        **{"cutoff_follows_light": False, "random_start": False, "fill_factor": 0.22},
-        **{"threshold_mismatch": 0.0, "leak": 0.1, "shot_noise": 0.0, "shot_noise_exponent": 0.5},
-        **{"hot_pixels": 0.0, "hot_pixel_rate": 100.0, "refractory": 0.0},
-    }
-    older |= {"width": 32, "height": 24, "threshold": 0.2}
-    file.write_text(json.dumps(older | {"pixel": pixel | {"photoreceptor": "two_pole"}}))
-    claim_folder(settings, tmp_path)
-    file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 2}}))
-    claim_folder(settings, tmp_path)
-    file.write_text(json.dumps(older | {"pixel": pixel | {"poles": 1}}))
+    stored = json.loads((tmp_path / "dataset.json").read_text())
+    assert stored["sensor"] == {"width": 32, "height": 24, "fill_factor": 0.22, "leak": 0.1}
+    other = dataclasses.replace(camera, photoreceptor="one_pole")
     with pytest.raises(TaskError, match=r"sensor is .*one_pole"):
-        claim_folder(settings, tmp_path)
+        claim_folder(dataclasses.replace(settings, sensor=other), tmp_path)
 
 
 def test_a_dataset_takes_a_whole_camera():
