@@ -74,9 +74,7 @@ class EventSource:
         for t_us, events in zip(times_us, windows, strict=True):
             if self.frames is not None:
                 ground = self.frames.seen_by(*self.size, t_us)
-            us = length_us
-            if us is None:
-                us = t_us - int(events.t_us[0]) if len(events) else 1
+            us = length_us or (t_us - int(events.t_us[0]) if len(events) else 1)
             picture = draw_events(events, ground, self.palette)
             # Events per microsecond are millions per second.
             yield events, Panel(picture, self.title, f"{len(events) / us:.3g} Mev/s")
