@@ -59,9 +59,8 @@ class EventSource:
         return in_text(self.recording.path.name)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of the ascending times, us."""
-        for _, panel in self.drawn(times_us):
-            yield panel
+        """Return a panel for each of the ascending times, us."""
+        return (panel for _, panel in self.drawn(times_us))
 
     def drawn(self, times_us: Sequence[int]) -> Iterator[tuple[Events, Panel]]:
         """Yield the events of each window, and its panel."""
