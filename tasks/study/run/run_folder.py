@@ -47,6 +47,7 @@ class RunFolder:
                 "folder, or the folder of a run"
             )
         self._folder, self._jobs, self._mix = folder, jobs, mix
+        self._index = folder / "previews" / INDEX_NAME
         self._rows_of = _rows_so_far(folder / "jobs", jobs)
         self._environment = _environment_so_far(folder)
         self._has_other_rows = False  # than the folder's rows.parquet
@@ -124,10 +125,6 @@ class RunFolder:
             return read_json(Scaling, scaling, ResultError).job == job.key
         except ResultError:
             return False
-
-    @property
-    def _index(self) -> Path:
-        return self._folder / "previews" / INDEX_NAME
 
     def _previews_of(self, scene_name: str) -> Path:
         return self._folder / "previews" / f"{scene_name}.json"
