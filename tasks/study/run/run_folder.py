@@ -146,8 +146,7 @@ def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
             continue
         try:
             rows = read_rows(file)
-            others = {row.scene for row in rows} - {job.scene.name}  # a key has no names
-            if others:
+            if others := {row.scene for row in rows} - {job.scene.name}:  # a key has no names
                 raise ResultError(
                     f"{file}: has rows of scene {', '.join(sorted(others))}, expected scene "
                     f"{job.scene.name}, which has the same content"
