@@ -44,6 +44,7 @@ class TimedFrames:
         self._stream: Iterator[NDArray[np.float32]] = iter(())  # of footage
         self._next = len(frames)
         self._speed = speed
+        self._times_s = frames.t_s
         self._offset_us = frames.t_offset_us + shift_us
         # Of events that see a frame.
         self._times_us = np.ceil(frames.t_s / speed * 1e6).astype(int) + self._offset_us
@@ -61,11 +62,11 @@ class TimedFrames:
     def path_s(self, t_us: int) -> float:
         """Return the time on the clip's path, s, from its first frame to its last."""
         t_s = (t_us - self._offset_us) * 1e-6 * self._speed
-        return float(np.clip(t_s, *self._frames.t_s[[0, -1]]))
+        return float(np.clip(t_s, *self._times_s[[0, -1]]))
 
     def span_us(self) -> tuple[int, int]:
         """Return the times of the first and the last frame on the clock of the events, us."""
-        first_us, last_us = np.round(self._frames.t_s[[0, -1]] / self._speed * 1e6).astype(int)
+        first_us, last_us = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
         return self._offset_us + int(first_us), self._offset_us + int(last_us)
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
