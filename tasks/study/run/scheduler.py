@@ -83,8 +83,7 @@ class ThisProcess:
         with compiling_ahead(tasks):
             for queued, estimate in zip(jobs, estimates, strict=True):
                 on_progress(f"loading {queued.job.scene.name}", before_s, total_s)
-                on_job = _within(on_progress, estimate, before_s, total_s)
-                computed = compute_job(queued, on_job)
+                computed = compute_job(queued, _within(on_progress, estimate, before_s, total_s))
                 before_s += estimate.core_s
                 yield queued, computed
         on_progress("done", total_s, total_s)
