@@ -46,8 +46,8 @@ class TimedFrames:
         self._speed = speed
         self._times_s = frames.t_s
         self._offset_us = frames.t_offset_us + shift_us
-        times_us = np.ceil(frames.t_s / speed * 1e6).astype(int)
-        self._times_us = times_us + self._offset_us  # of events that see a frame
+        # Of events that see a frame.
+        self._times_us = np.ceil(frames.t_s / speed * 1e6).astype(int) + self._offset_us
         self._read = lru_cache(maxsize=1)(self._shown)
 
     def _shown(self, i: int) -> Picture:
@@ -66,8 +66,8 @@ class TimedFrames:
 
     def span_us(self) -> tuple[int, int]:
         """Return the times of the first and the last frame on the clock of the events, us."""
-        first, last = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
-        return self._offset_us + int(first), self._offset_us + int(last)
+        first_us, last_us = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
+        return self._offset_us + int(first_us), self._offset_us + int(last_us)
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
         """Return the times from which frames are shown.
@@ -76,15 +76,16 @@ class TimedFrames:
         -------
         Ascending times, us, from the frame shown at the start, or from the first frame.
         """
-        times_us = self._times_us
-        first = max(0, int(np.searchsorted(times_us, start_us, side="right")) - 1)
-        last = max(first + 1, int(np.searchsorted(times_us, end_us)))
-        return times_us[first:last].tolist()
+        first = self._index_at(start_us)
+        last = max(first + 1, int(np.searchsorted(self._times_us, end_us)))
+        return self._times_us[first:last].tolist()
 
     def at(self, t_us: int) -> Picture:
         """Return the last frame up to a time, or the first one, as gray levels."""
-        i = int(np.searchsorted(self._times_us, t_us, side="right")) - 1
-        return self._read(min(max(i, 0), len(self._times_s) - 1))
+        return self._read(self._index_at(t_us))
+
+    def _index_at(self, t_us: int) -> int:
+        return max(0, int(np.searchsorted(self._times_us, t_us, side="right")) - 1)
 
     def seen_by(self, width: int, height: int, t_us: int) -> Picture:
         """Return what a sensor of a given size sees at a time.
@@ -158,12 +159,13 @@ class DepthSource(_TruthSource):
         some = np.concatenate([self.depth(t_us) for t_us in _some(times_us)])
         finite = some[np.isfinite(some)]
         near_m, far_m = np.percentile(finite, (0.5, 99.5)) if finite.size else (1.0, 1.0)
+        width, height = self.size
         scale = 1 / np.linspace(1 / far_m, 1 / near_m, 256, dtype=np.float32)
-        legend = depth_colors(scale[None], near_m, far_m)
+        colors = depth_colors(scale[None], near_m, far_m)
+        legend = resized(colors, max(1, width // 3), max(3, height // 40))
         for t_us in times_us:
             picture = depth_colors(self.depth(t_us), near_m, far_m)
-            height, width = picture.shape[:2]
-            _inlay(picture, resized(legend, max(1, width // 3), max(3, height // 40)))
+            _inlay(picture, legend)
             yield Panel(picture, "true depth", f"{far_m:.3g} m (dark) to {near_m:.3g} m (bright)")
 
 
@@ -172,30 +174,23 @@ class FlowSource(_TruthSource):
 
     def flow(self, t_us: int) -> NDArray[np.float32]:
         """Return the (H, W, 2) motion at a time, px of the frames per second of the path."""
-        t_s = self.frames.path_s(t_us)
-        step_s = self._step_s(t_s)
-        flow = self.truth.flow(t_s, t_s + step_s, *self.size).flow_px
-        scale = self.frames.sequence.width / self.size[0] / step_s
-        return (flow * scale).astype(np.float32)
-
-    def _step_s(self, t_s: float) -> float:
-        """Return the time to a moment between the first and the last frame, s; ahead if possible.
-
-        Objects may have no path beyond these frames.
-        """
-        first_s, last_s = self.frames.sequence.t_s[[0, -1]].tolist()
+        sequence, t_s = self.frames.sequence, self.frames.path_s(t_us)
+        # Ahead if possible; objects may have no path beyond the first and the last frame.
+        first_s, last_s = sequence.t_s[[0, -1]].tolist()
         ahead_s, back_s = (min(_FLOW_STEP_S, room) for room in (last_s - t_s, t_s - first_s))
-        return ahead_s if ahead_s >= back_s else -back_s
+        step_s = ahead_s if ahead_s >= back_s else -back_s
+        flow = self.truth.flow(t_s, t_s + step_s, *self.size).flow_px
+        return (flow * (sequence.width / self.size[0] / step_s)).astype(np.float32)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
         """Yield a panel for each of the ascending times, us on the clock of the events."""
         some = np.concatenate([self.flow(t_us) for t_us in _some(times_us)])
         longest = float(np.percentile(np.hypot(some[..., 0], some[..., 1]), 99)) or 1.0
+        side = max(1, min(self.size) // 5)
+        y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
+        wheel = flow_colors(np.dstack([x, y]), 1)
         for t_us in times_us:
             picture = flow_colors(self.flow(t_us), longest)
-            side = max(1, min(self.size) // 5)
-            y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
-            wheel = flow_colors(np.dstack([x, y]), 1)
             _inlay(picture, wheel, x**2 + y**2 <= 1)
             yield Panel(picture, "true optical flow", f"rim of the wheel: {longest:.3g} px/s")
 
@@ -225,10 +220,6 @@ def _inlay(picture: Picture, legend: Picture, shape: NDArray[np.bool_] | None = 
     if height + 4 * edge > picture.shape[0] or width + 4 * edge > picture.shape[1]:
         return
     inside = np.full((height, width), True) if shape is None else shape
-    covered = np.pad(inside, edge)
-    below = maximum_filter(covered, 2 * edge + 1)
-    margin = 2 * edge
-    y, x = picture.shape[0] - height - 2 * edge - margin, margin
-    corner = picture[y : y + height + 2 * edge, x : x + width + 2 * edge]
-    corner[below] = 0
+    corner = picture[-height - 4 * edge : -2 * edge, 2 * edge : width + 4 * edge]
+    corner[maximum_filter(np.pad(inside, edge), 2 * edge + 1)] = 0
     corner[edge:-edge, edge:-edge][inside] = legend[inside]

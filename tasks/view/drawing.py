@@ -197,8 +197,7 @@ def flow_colors(flow: NDArray[np.floating], longest: float) -> Picture:
     length, degrees = cv2.cartToPolar(u, v, angleInDegrees=True)
     saturation = np.clip(length / max(longest, 1e-12), 0, 1).astype(np.float32)
     hsv = np.dstack([degrees, saturation, np.ones_like(saturation)])
-    rgb: Picture = np.round(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)).astype(np.uint8)
-    return rgb
+    return np.round(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)).astype(np.uint8)
 
 
 def resized(picture: Picture, width: int, height: int) -> Picture:

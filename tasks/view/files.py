@@ -78,11 +78,10 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     colors = Image.fromarray(np.concatenate(some)).quantize(256 - len(events))
     usual = (colors.getpalette() or [])[: 3 * (256 - len(events))]
     colors.putpalette([*usual, *events.ravel().tolist()])
-    first, *rest = some
-    coded = (_coded(picture, colors) for picture in chain(rest, pictures))
-    _coded(first, colors).save(
-        path, "GIF", save_all=True, append_images=coded, duration=round(1000 / fps), loop=0
-    )
+    images = map(Image.fromarray, chain(some, pictures))
+    coded = (image.quantize(palette=colors, dither=Image.Dither.NONE) for image in images)
+    options = {"duration": round(1000 / fps), "loop": 0}
+    next(coded).save(path, "GIF", save_all=True, append_images=coded, **options)
 
 
 def _event_colors() -> Picture:
@@ -97,10 +96,6 @@ def _event_colors() -> Picture:
     return np.round(colors).astype(np.uint8)
 
 
-def _coded(picture: Picture, colors: Image.Image) -> Image.Image:
-    return Image.fromarray(picture).quantize(palette=colors, dither=Image.Dither.NONE)
-
-
 def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     """Write an animated WebP that repeats.
 
@@ -109,10 +104,9 @@ def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     pictures
         (H, W, 3) uint8 each.
     """
-    rest, duration = map(Image.fromarray, pictures), round(1000 / fps)
-    options = {"save_all": True, "loop": 0, "quality": _WEBP_QUALITY, "method": 4}
-    first = Image.fromarray(next(pictures))
-    first.save(path, "WEBP", append_images=rest, duration=duration, **options)
+    images = map(Image.fromarray, pictures)
+    options = {"duration": round(1000 / fps), "loop": 0, "quality": _WEBP_QUALITY, "method": 4}
+    next(images).save(path, "WEBP", save_all=True, append_images=images, **options)
 
 
 def write_png(path: Path, pictures: Iterator[Picture], _: float) -> None:

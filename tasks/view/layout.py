@@ -95,8 +95,7 @@ class Layout:
 
     def _measure(self, panels: Sequence[Panel], footer: str) -> None:
         """Choose text that fits below the narrowest picture, and a page that fits the footer."""
-        size = round(_TEXT_SHARE * self._height)
-        size = min(max(size, _MIN_TEXT_PX), _MAX_TEXT_PX)
+        size = min(max(round(_TEXT_SHARE * self._height), _MIN_TEXT_PX), _MAX_TEXT_PX)
         captions = [line for panel in panels for line in (panel.title, panel.detail)]
         widest = max(_font(size).getlength(text) for text in captions) + 2 * _MARGIN_PX
         fitting = int(size * min(self._widths) / widest)

@@ -74,7 +74,8 @@ def write_player(
     for k, source in enumerate(sources, start=1):
         packed.append(_pack(source, span_us[0], every))
         on_progress("packing", k, len(sources))
-    frames = pack_frames(sources, span_us)
+    for panel, frames in zip(packed, pack_frames(sources, span_us), strict=True):
+        panel["frames"] = frames
     palette = sources[0].palette
     page = _TEMPLATES.get_template("player.html").render(
         title=", ".join(source.name for source in sources),
@@ -89,9 +90,7 @@ def write_player(
             "darker": palette.darker,
             "ground": palette.ground,
             "strengths": STRENGTHS,
-            "sources": [
-                {**events, "frames": behind} for events, behind in zip(packed, frames, strict=True)
-            ],
+            "sources": packed,
         },
     )
     write_text(path, page, overwrite=overwrite)

@@ -59,9 +59,8 @@ class EventSource:
         return in_text(self.recording.path.name)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of the ascending times, us."""
-        for _, panel in self.drawn(times_us):
-            yield panel
+        """Return a panel for each of the ascending times, us."""
+        return (panel for _, panel in self.drawn(times_us))
 
     def drawn(self, times_us: Sequence[int]) -> Iterator[tuple[Events, Panel]]:
         """Yield the events of each window, and its panel."""
@@ -74,9 +73,7 @@ class EventSource:
         for t_us, events in zip(times_us, windows, strict=True):
             if self.frames is not None:
                 ground = self.frames.seen_by(*self.size, t_us)
-            us = length_us
-            if us is None:
-                us = t_us - int(events.t_us[0]) if len(events) else 1
+            us = length_us or (t_us - int(events.t_us[0]) if len(events) else 1)
             picture = draw_events(events, ground, self.palette)
             # Events per microsecond are millions per second.
             yield events, Panel(picture, self.title, f"{len(events) / us:.3g} Mev/s")

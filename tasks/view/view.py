@@ -145,9 +145,8 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             raise TaskError(f"--at: found {look.at} s, but the sources cover {span}")
         return [t_us]
     step_us = 1e6 / (possible_fps(kind, look.fps or _USUAL_FPS) * _slow(subject, look, kind))
-    lead_us = 0.0
-    if subject.event_sources:  # the first picture shows a whole window
-        lead_us = step_us if look.length_us is None else look.length_us
+    # The first picture shows a whole window.
+    lead_us = (look.length_us or step_us) if subject.event_sources else 0.0
     first_us = min(start_us + lead_us, end_us)
     steps = math.floor((end_us - first_us) / step_us)
     limit = _MAX_IN_MEMORY if kind in (".gif", ".webp") else _MAX_PICTURES

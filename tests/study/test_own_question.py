@@ -597,10 +597,8 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
     assert {cutoff_label(one.cutoff_hz) for one in pictures} == {"ideal", "100 lux"}
 
 
-@pytest.mark.parametrize("with_lux", [True, False])
-def test_pictures_and_histograms_have_the_lux_of_the_study(tmp_path, with_lux: bool) -> None:
-    """Promise: lux of any number of digits; also in folders of older runs, whose pictures and
-    histograms have only the cutoff, to six digits."""
+def test_pictures_and_histograms_have_the_lux_of_the_study(tmp_path) -> None:
+    """Promise: lux of any number of digits."""
     lux = {math.inf: 0.0, 200.0: 66.6666667, 50.0: 1234.567}
     rows = [
         replace(row, illuminance_lux=lux[row.cutoff_hz], cutoff_hz=cutoff_of(lux[row.cutoff_hz]))
@@ -610,12 +608,7 @@ def test_pictures_and_histograms_have_the_lux_of_the_study(tmp_path, with_lux: b
     add_previews(run)
     index = run / "previews" / "index.json"
     (picture, *_) = json.loads(index.read_text())
-    lights = [
-        {"cutoff_hz": repr(cutoff_of(one)), "illuminance_lux": one}
-        if with_lux
-        else {"cutoff_hz": f"{cutoff_of(one):g}"}
-        for one in lux.values()
-    ]
+    lights = [{"cutoff_hz": repr(cutoff_of(one)), "illuminance_lux": one} for one in lux.values()]
     index.write_text(json.dumps([{**picture, **light} for light in lights]))
     (run / "scaling").mkdir()
     stored = [
@@ -626,13 +619,6 @@ def test_pictures_and_histograms_have_the_lux_of_the_study(tmp_path, with_lux: b
         replace(made(), intervals=tuple(stored)), np.ones((64, 64))
     ).items():
         (run / "scaling" / name).write_bytes(content)
-    if not with_lux:
-        file = run / "scaling" / "carpet.json"
-        numbers = json.loads(file.read_text())
-        for one in numbers["intervals"]:
-            del one["illuminance_lux"]
-            one["cutoff_hz"] = f"{float(one['cutoff_hz']):g}"
-        file.write_text(json.dumps(numbers))
     page = page_of(run)
     assert re.findall(r"<h4>(.*?) <small>", page) == ["ideal", "1234.57 lux", "66.6667 lux"]
     assert re.findall(r'"label": "(\(c\) .*?)"', page) == ["(c) ideal", *["(c) 66.6667 lux"] * 2]

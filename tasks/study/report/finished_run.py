@@ -124,7 +124,7 @@ class FinishedRun:
         """Return the scaling statistics by scene, in the lights of the study."""
         scaling = read_scaling(self.folder / "scaling", self.config.get("jobs"))
         for scene, of_scene in scaling.items():
-            intervals = (replace(i, cutoff_hz=self._light_of(i)) for i in of_scene.intervals)
+            intervals = (replace(i, cutoff_hz=_light_of(i)) for i in of_scene.intervals)
             scaling[scene] = replace(of_scene, intervals=tuple(intervals))
         return scaling
 
@@ -138,21 +138,10 @@ class FinishedRun:
         """Return the pictures of each scene, by falling cutoff, then rising speed and sensor."""
         index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
-        lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]
+        lit = [replace(entry, cutoff_hz=_light_of(entry)) for entry in entries]
         lit.sort(key=lambda each: (-each.cutoff_hz, each.speed, sensor_of(each)))
         scenes = dict.fromkeys(entry.scene for entry in entries)
         return {scene: [entry for entry in lit if entry.scene == scene] for scene in scenes}
-
-    def _light_of(self, entry: Preview | Intervals) -> float:
-        """Return the light of a picture or a histogram, as in `Condition`."""
-        cutoff_hz = self._lights.get(f"{entry.cutoff_hz:g}", entry.cutoff_hz)
-        return light_of(cutoff_hz, entry.illuminance_lux)
-
-    @cached_property
-    def _lights(self) -> dict[str, float]:
-        """Return the lights by cutoff to six digits, all that older runs have of lux."""
-        scores = self.scores
-        return {f"{hz:g}": hz for series in scores.series() for hz in scores.cutoffs_hz(series)}
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
@@ -178,6 +167,11 @@ class FinishedRun:
         except FileNotFoundError:
             raise ResultError(f"{path}: no such file, but {reason}") from None
         return f"data:image/{path.suffix[1:]};base64,{content}"
+
+
+def _light_of(entry: Preview | Intervals) -> float:
+    """Return the light of a picture or a histogram, as in `Condition`."""
+    return light_of(entry.cutoff_hz, entry.illuminance_lux)
 
 
 def read_run(folder: Path, *others: Path) -> FinishedRun:

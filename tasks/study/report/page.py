@@ -126,8 +126,7 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
         `MAX_BYTES`.
     """
     run = run if isinstance(run, FinishedRun) else read_run(Path(run))
-    collected = [(section, section.data(run)) for section in sections]
-    shown = [(section, data) for section, data in collected if data is not None]
+    shown = [(section, data) for section in sections if (data := section.data(run)) is not None]
     template = TEMPLATES.get_template("page.html")
     page = encoded(template.render(colors=COLORS, run=run, sections=shown))
     if len(page) > MAX_BYTES:
@@ -144,7 +143,6 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
     figures = run.folder / "figures"
     # Of our methods, the run may no longer have some; a file of another name may be the user's.
     ours = {f"tradeoff_{m}" for task in TASKS.values() for m in task.methods} | {*_SCALING}
-    stale = {figures / f"{name}.{kind}" for name in ours for kind in ("png", "svg")}
     drawn = {
         re.sub(r"\W+", "_", f"tradeoff_{series.method}"): tradeoff_plots(run, series)
         for series in filter(is_main, run.series)
@@ -155,10 +153,10 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
         drawn |= zip(_SCALING, (slopes, intervals), strict=True)
     for name, plots in drawn.items():
         for kind, image in figure_files(plots).items():
-            write_bytes(file := figures / f"{name}.{kind}", image)
-            stale.discard(file)
-    for file in stale:
-        file.unlink(missing_ok=True)
+            write_bytes(figures / f"{name}.{kind}", image)
+    for name in ours - drawn.keys():
+        for kind in ("png", "svg"):
+            (figures / f"{name}.{kind}").unlink(missing_ok=True)
     report = run.folder / "report.html"
     write_bytes(report, page)
     return report

@@ -192,10 +192,9 @@ def sensor_keys(sensors: Iterable[SensorId], *, labeled: bool = False) -> list[K
         Whether the plot shows the name or the width at the first point.
     """
     colors = [name for name in COLORS if name.startswith("series")]
-    looks = zip(cycle(colors), cycle(MARKS))
     return [
         Key(sensor.label, color, mark, str(sensor) if labeled else "")
-        for sensor, (color, mark) in zip(sensors, looks, strict=False)
+        for sensor, color, mark in zip(sensors, cycle(colors), cycle(MARKS))
     ]
 
 

@@ -11,7 +11,7 @@ from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label
 
 
 class Text(NamedTuple):
-    """A text followed by a small text. `kind` is "", "struck" or "over" (above a limit)."""
+    """A text followed by a small text. `kind` is "" or "struck"."""
 
     text: str
     small: str = ""

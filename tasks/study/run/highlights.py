@@ -167,9 +167,10 @@ def preview_files(
         return film_strip(np.stack(lights), film.sums)
 
     last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
-    gray = png(np.repeat(last.astype(np.uint8)[..., None], 3, axis=2))
+    gray = cv2.cvtColor(last.astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    frame = cv2.imencode(".png", gray)[1].tobytes()
     whole = SensorId(job.render.resolution)
-    pictures = [("frame", whole, math.inf, "radiance at the window's end", "png", gray)]
+    pictures = [("frame", whole, math.inf, "radiance at the window's end", "png", frame)]
     with ThreadPoolExecutor(cores()) as pool:
         for (sensor, light), data in zip(films, pool.map(drawn, films.values()), strict=True):
             pictures.append(("events", sensor, light, sensor.label, "webp", data))
@@ -245,12 +246,6 @@ def central_crop(image: NDArray) -> NDArray:
     return image[y + k[:, None], x + k]
 
 
-def png(rgb: NDArray[np.uint8]) -> bytes:
-    """Return the bytes of a PNG file."""
-    _, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    return data.tobytes()
-
-
 def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
     """Draw the events of a film over its frames.
 
@@ -268,17 +263,15 @@ def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
         with which the file has at most `MAX_FILM_BYTES`, or one.
     """
     colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)[np.sign(sums) + 1]
-    data = b""
     for levels in _GRAYS:
         dark = np.round((1 - lights) * (levels - 1)) / max(levels - 1, 1)
         pale = np.round(np.array(NONE) * (1 - _CONTRAST * dark[..., None])).astype(np.uint8)
         drawn = np.where(sums[..., None] != 0, colors, pale)
         file = BytesIO()
         Image.fromarray(np.concatenate(drawn, axis=1)).save(file, "WEBP", lossless=True, quality=50)
-        data = file.getvalue()
-        if len(data) <= MAX_FILM_BYTES:
+        if file.tell() <= MAX_FILM_BYTES:
             break
-    return data
+    return file.getvalue()
 
 
 def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> IntervalHistogram:

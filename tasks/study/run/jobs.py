@@ -283,8 +283,7 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     known, tried = methods_of(done), []
     new = [at for at in methods_of(to_do) if TASKS[at[0]].is_own(at[1]) and at not in known]
     for job in to_do:
-        fitting = [method for method in new if _suits(study, job, *method)]
-        if fitting:
+        if fitting := [method for method in new if _suits(study, job, *method)]:
             tried.append(_trial(study, job, fitting))
             new = [method for method in new if method not in fitting]
     return tried

@@ -83,8 +83,7 @@ class ThisProcess:
         with compiling_ahead(tasks):
             for queued, estimate in zip(jobs, estimates, strict=True):
                 on_progress(f"loading {queued.job.scene.name}", before_s, total_s)
-                on_job = _within(on_progress, estimate, before_s, total_s)
-                computed = compute_job(queued, on_job)
+                computed = compute_job(queued, _within(on_progress, estimate, before_s, total_s))
                 before_s += estimate.core_s
                 yield queued, computed
         on_progress("done", total_s, total_s)
@@ -128,16 +127,15 @@ class Cluster:
 
         lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}
         # The longest first, so that none is last; idle workers take what arrives.
-        in_order = sorted(jobs, key=lambda queued: lengths_s[queued.key], reverse=True)
-        queued_of: dict[Future, QueuedJob] = {}
-        for queued in in_order:
-            future = self._client.submit(
+        queued_of: dict[Future, QueuedJob] = {
+            self._client.submit(
                 *(_entry(), pickle.dumps(queued), _versions()),
                 key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
                 priority=lengths_s[queued.key],
                 retries=_RETRIES,
-            )
-            queued_of[future] = queued
+            ): queued
+            for queued in sorted(jobs, key=lambda queued: lengths_s[queued.key], reverse=True)
+        }
         done_s, shown_s, total_s = 0.0, 0.0, sum(lengths_s.values())
         on_progress(f"workers: {self.cores}", done_s, total_s)
         for future in as_completed(queued_of, loop=self._client.loop):

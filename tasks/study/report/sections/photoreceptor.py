@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sensor.model import PHOTORECEPTORS
-from tasks.registry import TASKS
 from tasks.study.claims.judge import changed_verdicts
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
@@ -35,7 +34,6 @@ class Lead:
     speed: float
     sensors: tuple[SensorId, SensorId]
     found: Mapping[str, Interval | None]
-    choices: Mapping[str, Choice | None]
     paper: float | None
 
 
@@ -48,7 +46,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     if not coarser:
         return []
     pair = sensors[-1], coarser[-1]
-    sign = TASKS[series.task].metric.sign
+    sign = series.spec.metric.sign
     conditions = dict.fromkeys(at[:1] + at[2:4] for at in first.conditions(series))
     every = []
     for scene, cutoff_hz, speed in conditions:
@@ -60,10 +58,9 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
             ours = [scores.cell(series, at) for at in places]
             complete = all(cell.complete for cell in ours)
             intervals[name] = lead_over(ours[0], ours[1], sign) if complete else None
-        choices = {n: choose(s, series, scene, cutoff_hz, speed) for n, s in readings.items()}
         fine, coarse = (first.published(series, at) for at in places)
         paper = None if fine is None or coarse is None else sign * (fine - coarse)
-        every.append(Lead(scene, cutoff_hz, speed, pair, intervals, choices, paper))
+        every.append(Lead(scene, cutoff_hz, speed, pair, intervals, paper))
     return every
 
 
@@ -101,18 +98,20 @@ def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
 
 
 def _table(series: Series, of_series: list[Lead], heads: list[Text], run: FinishedRun) -> Table:
-    metric = TASKS[series.task].metric
+    metric = series.spec.metric
     with_paper = any(lead.paper is not None for lead in of_series)
     blocks: dict[Text, dict[Text, list[Text]]] = {}
     for lead in of_series:
+        at = lead.scene, lead.cutoff_hz, lead.speed
+        choices = [choose(scores, series, *at) for scores in run.readings.values()]
         cells = [
             Text(MISSING)
             if interval is None or choice is None
             else Text(interval.text(metric.decimals), _enough(choice))
-            for interval, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
+            for interval, choice in zip(lead.found.values(), choices, strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        head = Text(setting_label(lead.scene, lead.cutoff_hz, lead.speed, run.base_speeds))
+        head = Text(setting_label(*at, run.base_speeds))
         rows = blocks.setdefault(Text(lead.scene), {})
         if head in rows:  # speeds that differ by less than their digits
             head = head._replace(small=f"{lead.speed:g} times the base speed")

@@ -56,16 +56,14 @@ def interval_plot(scaling: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     for cutoff_hz, speed in chosen:
         lines = []
         for sensor, key in zip(sensors, keys, strict=True):
-            if (sensor, cutoff_hz, speed) not in shares:  # in this light it has another cutoff
-                lines.append(Line([], []))
-                continue
-            share = shares[sensor, cutoff_hz, speed][first : last + 1].tolist()
+            # None of a sensor that has another cutoff in this light.
+            share = shares.get((sensor, cutoff_hz, speed), np.array([]))[first : last + 1].tolist()
             points = []
             if (mode_us := scaling.mode_us(sensor, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles_ms / (mode_us * 1e-3)))))
                 mode, most = f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"
                 points.append(Point(float(middles_ms[k]), share[k], [key.name, mode, most]))
-            lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
+            lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=False))))
         fast = speed_label(scaling.scene, speed, base)
         detail = f"{cutoff_detail(cutoff_hz)}, {fast}; marks: the mode"
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))

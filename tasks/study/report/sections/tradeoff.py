@@ -75,8 +75,7 @@ def score_point(run: FinishedRun, scores: Scores, series: Series, where: Conditi
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
     ]
-    paper = scores.published(series, where)
-    if paper is not None:
+    if (paper := scores.published(series, where)) is not None:
         lines.append(f"paper: {metric.text(paper)} {metric.unit}")
     if cell.failed.any():
         lines.append(f"failed: {share_text(cell.failure_share)}")
