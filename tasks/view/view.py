@@ -149,11 +149,13 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     lead_us = (look.length_us or step_us) if subject.event_sources else 0.0
     first_us = min(start_us + lead_us, end_us)
     steps = math.floor((end_us - first_us) / step_us)
-    limit = _MAX_IN_MEMORY if kind in (".gif", ".webp") else _MAX_PICTURES
+    limit, other = _MAX_PICTURES, ""
+    if kind in (".gif", ".webp"):
+        limit, other = _MAX_IN_MEMORY, ", or write a .mp4"
     if steps >= limit:
         raise TaskError(
             f"{steps + 1} pictures exceed the {limit} that a {kind} holds; give --start and --end, "
-            "reduce --slow or --fps, or write a .mp4"
+            f"or reduce --slow or --fps{other}"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
 
