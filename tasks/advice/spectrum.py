@@ -202,9 +202,13 @@ def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) 
     high = low = log_light[y, x]
     silent = np.arange(len(y))  # so far
     path_px = min(path_px, math.hypot(*image.shape))  # then the image has passed
+    last_y, last_x = image.shape[0] - 1, image.shape[1] - 1
     for s in np.linspace(0, path_px, math.ceil(path_px) + 1):
-        from_y = np.clip(np.rint(y - s * math.sin(angle)).astype(int), 0, image.shape[0] - 1)
-        from_x = np.clip(np.rint(x - s * math.cos(angle)).astype(int), 0, image.shape[1] - 1)
+        if not len(silent):
+            break
+        # Twice as fast as np.clip, on few pixels.
+        from_y = np.minimum(np.maximum(np.rint(y - s * math.sin(angle)), 0), last_y).astype(int)
+        from_x = np.minimum(np.maximum(np.rint(x - s * math.cos(angle)), 0), last_x).astype(int)
         passed = log_light[from_y, from_x]
         high, low = np.maximum(high, passed), np.minimum(low, passed)
         left = high - low < threshold
