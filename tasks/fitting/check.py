@@ -75,8 +75,7 @@ class Part(NamedTuple):
 
     def counted(self, simulated: Events) -> Events:
         """Return the events that count, of a simulated sensor on the clock `t_s` of the light."""
-        offset_us = self.light.t_offset_us
-        return simulated.between(*(t_us - offset_us for t_us in self.counted_us))
+        return simulated.between(*(t_us - self.light.t_offset_us for t_us in self.counted_us))
 
 
 def parts_of(
@@ -185,8 +184,7 @@ def compare(
     real = events.between(start_us, end_us)
     if not len(real):
         raise TaskError(f"--check: the held-out half, {start_us} to {end_us} us, has no events")
-    light = part.played("checking", on_progress)
-    stream = camera.stream(light, part.light.t_s, white=1.0)
+    stream = camera.stream(part.played("checking", on_progress), part.light.t_s, white=1.0)
     simulated = concatenate(list(map(part.counted, stream)))
     in_real, in_simulated = _in_blocks(real), _in_blocks(simulated)
     fired = in_real > 0

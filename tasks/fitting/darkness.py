@@ -23,15 +23,11 @@ from sensor.representations import event_counts
 from tasks.errors import TaskError
 from tasks.fitting.check import Part
 from tasks.numerics.estimate import Estimate, bootstrap, lowest, tiles_of
-from tasks.recording.levels import Levels
+from tasks.recording.levels import Float64, Levels
 from tasks.recording.motion import lag
 from tasks.recording.threshold import FittedThresholds, fit_thresholds
 
-Float64 = NDArray[np.float64]
-
-DARK_SHARES: tuple[float, ...] = tuple(
-    float(f"{level:.2g}") for level in np.geomspace(3e-4, 0.3, 13)
-)
+DARK_SHARES = tuple(float(f"{level:.2g}") for level in np.geomspace(3e-4, 0.3, 13))
 """Dark levels of the sweep, shares of white."""
 
 _CLASSES = 8  # of pixels by their brightness, with as many real events each

@@ -295,8 +295,7 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
     part, held_out = parts_of(events, light, evidence.check)
     hot = None if result.noise is None else result.noise.hot
     share = known.dark_share if evidence.dark_share is None else evidence.dark_share
-    both = part.light, part.coarse
-    levels, coarse = (levels_of(events, light, share, hot) for light in both)
+    levels, coarse = (levels_of(events, each, share, hot) for each in (part.light, part.coarse))
     ends: list[float] = []
     if evidence.dark_share is None:
         noisy = result.camera(known, "")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from eres_render.errors import reading
@@ -18,9 +17,7 @@ from sensor.formats import read_triggers
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, units
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
+from tasks.recording.levels import Float64, Int64
 
 _MIN_STEPS = 2
 _MIN_EVENTS = 3.0  # mean number of events of a pixel after a step
@@ -159,9 +156,8 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
         raise TaskError(f"{times}, expected at least {_MIN_STEPS}, in increasing order")
     window_us = int(np.diff(rises_us).min())
     rises_us = _whole_steps(events, rises_us, window_us)
-    step, since_us, mine = _after_steps(events, rises_us, window_us)
-    since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
-    pixel = y.astype(np.int64) * events.width + x
+    answers, step, since_us = _after_steps(events, rises_us, window_us)
+    pixel = answers.y.astype(np.int64) * events.width + answers.x
     # A pixel that sees the lamp has fallen silent half-way to the next step.
     is_early, size = since_us < window_us / 2, int(pixel.max(initial=0)) + 1
     early, late = (np.bincount(pixel[half], minlength=size) for half in (is_early, ~is_early))
@@ -181,13 +177,12 @@ def _answers(events: Events, rises_us: Int64) -> _Answers:
     return _Answers(since_us, step, place, units(answering, events.width), len(rises_us))
 
 
-def _after_steps(
-    events: Events, rises_us: Int64, window_us: int
-) -> tuple[Int64, Int64, NDArray[np.bool_]]:
-    """Return the step before each event, the time since then, and whether it is an answer."""
+def _after_steps(events: Events, rises_us: Int64, window_us: int) -> tuple[Events, Int64, Int64]:
+    """Return the events that answer a step, the number of the step, and the time since then."""
     step = np.searchsorted(rises_us, events.t_us, side="right") - 1
     since_us = events.t_us - rises_us[np.maximum(step, 0)]
-    return step, since_us, (step >= 0) & (since_us < window_us) & (events.p > 0)
+    answers = (step >= 0) & (since_us < window_us) & (events.p > 0)
+    return events.where(answers), step[answers], since_us[answers]
 
 
 def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
@@ -199,10 +194,10 @@ def _whole_steps(events: Events, rises_us: Int64, window_us: int) -> Int64:
     if len(inside) > 1:
         # Pixels may be silent between steps: then the first and the last event do not tell when the
         # recording began and ended, but how these steps differ from the others does.
-        step, since_us, mine = _after_steps(events, inside, window_us)
-        fired = np.bincount(step[mine], minlength=len(inside))
+        _, step, since_us = _after_steps(events, inside, window_us)
+        fired = np.bincount(step, minlength=len(inside))
         begun_us = np.full(len(inside), window_us)
-        np.minimum.at(begun_us, step[mine], since_us[mine])
+        np.minimum.at(begun_us, step, since_us)
         starts_late = first_us > inside[0] and begun_us[0] > _LATER * begun_us[1:].max()
         ends_early = last_us < inside[-1] + window_us / 2 and fired[-1] < _WHOLE * fired[:-1].mean()
         inside = inside[int(starts_late) : len(inside) - int(ends_early)]
@@ -249,8 +244,7 @@ def _estimates(answers: _Answers) -> tuple[int, Estimate, Estimate]:
     drawn = [_fit(t_s, curve, order, _FROM, absorbed, best)[:2] for curve in curves]
     low, high = np.percentile(np.array(drawn), (2.5, 97.5), axis=0).tolist()
     wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
-    ends = ((best[k], low[k] - wide[k], high[k] + wide[k]) for k in range(2))
-    cutoff, latency = (Estimate(*(max(0.0, end) for end in each)) for each in ends)
+    cutoff, latency = (Estimate(best[k], low[k], high[k]).widened(wide[k]) for k in range(2))
     return order, cutoff, latency
 
 

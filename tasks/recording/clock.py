@@ -71,8 +71,7 @@ def estimate_shift(recording: Recording, frames: RecordedFrames) -> Shift | None
     pairs = inside(recording, frames, REACH_US)[:_MAX_PAIRS]
     shifts_us = range(-REACH_US, REACH_US + STEP_US, STEP_US)
     left = _unexplained(recording, frames, pairs, shifts_us)
-    best = int(np.argmin(left))
-    if not 0 < best < len(left) - 1:
+    if not 0 < np.argmin(left) < len(left) - 1:
         return None
     first_us = round(lowest(np.array(shifts_us), np.array(left)))
     second_us = first_us + round(_lateness_us(recording, frames.later(first_us), pairs))

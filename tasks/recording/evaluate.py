@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import mode
 
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
@@ -109,8 +109,7 @@ def evaluate_recording(
         before = any(each.windows_before for each in settings.plan())
         flow = with_motion(recording, flow, notes, with_before=before, on_progress=on_progress)
     used = any("threshold" in spec.method(name).needs for name in names)
-    fitted_to = frames if used else None
-    thresholds = _thresholds(recording, fitted_to, contrast_threshold, task, notes)
+    thresholds = _thresholds(recording, frames if used else None, contrast_threshold, task, notes)
     windows = sources(recording, task, settings, frames, thresholds, flow, on_progress)
     rows = [row for source in windows for row in score_stored(task, source, settings)]
     if not rows:
@@ -127,8 +126,7 @@ def _failures(rows: Sequence[Row]) -> list[str]:
         failures = [row.failure for row in mine if row.failure]
         if len(failures) <= len(mine) / 2:
             continue
-        reasons = Counter(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
-        reason = reasons.most_common(1)[0][0]
+        reason = mode(re.sub(r"\d+(\.\d+)?", "n", failure) for failure in failures)
         note = f"{name}: {len(failures)} of {len(mine)} answers failed, mostly with {reason!r}"
         alone = mine[0].metric == CONTRAST_GAIN
         if reason == AT_BOUND:
@@ -182,8 +180,7 @@ def _thresholds(
     needs = {"a threshold", "a change"} & {*TASKS[task].needs}
     if stored is not None and needs:
         on, off = stored
-        equal = on == off
-        values = f"threshold: {on:g}" if equal else f"thresholds: ON {on:g}, OFF {off:g}"
+        values = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
         notes.append(f"{values}, from the file")
         return stored
     if frames is None or not needs:

@@ -141,14 +141,13 @@ def windows_of(
         if options.window_ms is None:
             raise TaskError("give --window-ms or --frames")
         first, length_us = int(with_before), round(1e3 * options.window_ms)
-        whole = (recording.end_us - recording.start_us) // length_us
-        if whole <= first:
+        starts_us = range(recording.start_us, recording.end_us - length_us + 1, length_us)[first:]
+        if not starts_us:
             long_ms = (recording.end_us - recording.start_us) / 1000
             least = f"expected at least {first + 1} x {options.window_ms:g} ms (--window-ms)"
             raise TaskError(f"{recording.path}: found {long_ms:g} ms of events, {least}")
-        numbers = spread(range(first, whole), options.windows)
-        begins_us = [recording.start_us + n * length_us for n in numbers]
-        return [(Window(begin, begin + length_us), 0) for begin in begins_us]
+        chosen_us = spread(starts_us, options.windows)
+        return [(Window(start_us, start_us + length_us), 0) for start_us in chosen_us]
     middle_us = frames.middle_us.tolist()
     windows = [(Window(middle_us[k], middle_us[k + 1]), k) for k in inside(recording, frames)]
     if with_before:
@@ -192,14 +191,11 @@ class Sharpness:
     def __init__(self, window: Window, events: Events, start: Start) -> None:
         self._reach_px = start.reach_px
         self._farthest_px = float(max(events.width, events.height))
-        self._samples, self._gains, centers_px = [], [], []
-        for center_px in event_corners(events)[: start.options.features]:
-            sample = start.sample(events, window, center_px)
-            if len(sample.t):
-                self._samples.append(sample)
-                self._gains.append(_gain(sample, self._reach_px))
-                centers_px.append(center_px)
-        self.centers_px = np.array(centers_px).reshape(-1, 2)
+        corners_px = event_corners(events)[: start.options.features]
+        samples = (start.sample(events, window, corner_px) for corner_px in corners_px)
+        self._samples = [sample for sample in samples if len(sample.t)]
+        self._gains = [_gain(sample, self._reach_px) for sample in self._samples]
+        self.centers_px = np.array([sample.center_px for sample in self._samples]).reshape(-1, 2)
 
     def value(self, k: int, flow_px: NDArray[np.float64]) -> float:
         """Return the gain of a flow, 1 for zero flow; flow beyond the sensor is cut.
@@ -241,9 +237,8 @@ def event_corners(events: Events) -> NDArray[np.float64]:
     -------
     (N, 2) positions, px.
     """
-    image = np.sqrt(event_counts(events).sum(axis=0))
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0)
-    return strong_corners(np.asarray(smooth, np.float32))
+    image = np.sqrt(event_counts(events).sum(axis=0)).astype(np.float32)
+    return strong_corners(np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), np.float32))
 
 
 def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float64]:

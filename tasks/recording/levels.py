@@ -93,12 +93,9 @@ def light_between(frames: RecordedFrames) -> Footage:
     The frames with motion-compensated frames between them; only the first part if this would need
     more than 1000 frames.
     """
-    own = frames.footage()
-    steps = steps_for(displacements_px(own))
-    fit = int(np.searchsorted(np.cumsum(steps), _MAX_STEPS, side="right"))
-    if fit < len(steps):
-        own = frames.some(np.arange(max(fit, 1) + 1)).footage()
-    return interpolated(own, steps[: max(fit, 1)])
+    steps = steps_for(displacements_px(frames.footage()))
+    fit = max(1, int(np.searchsorted(np.cumsum(steps), _MAX_STEPS, side="right")))
+    return interpolated(frames.some(np.arange(fit + 1)).footage(), steps[:fit])
 
 
 def every_second(light: Footage) -> Footage:
@@ -249,15 +246,13 @@ def levels_of(
     if hot is not None:
         count[hot.ravel()] = 0
     tile = tiles_of(np.arange(len(count)), events.width)
-    of_tile = np.bincount(tile, count)
-    first = np.argsort(-of_tile, kind="stable")[: max(1, _MAX_PIXELS // 64)]
+    first = np.argsort(-np.bincount(tile, count), kind="stable")[: _MAX_PIXELS // 64]
     used = np.flatnonzero((count > 1) & np.isin(tile, first))
     rows = np.stack([frame.ravel()[used] for frame in light])
-    number = np.full(len(count), -1)
-    number[used] = np.arange(len(used))
-    chosen = np.flatnonzero(number[place] >= 0)
-    chosen = chosen[np.argsort(number[place[chosen]], kind="stable")]  # by pixel, then time
-    t_us, pixel, p = events.t_us[chosen], number[place[chosen]], events.p[chosen]
+    chosen = np.flatnonzero(np.isin(place, used))
+    chosen = chosen[np.argsort(place[chosen], kind="stable")]  # by pixel, then time
+    pixel = np.searchsorted(used, place[chosen])
+    t_us, p = events.t_us[chosen], events.p[chosen]
     settling_us = SETTLING * (light_us[-1] - light_us[0])
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
     thinning = max(1, -(-len(pixel) // _MAX_EVENTS))

@@ -6,15 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, bootstrap
-from tasks.recording.levels import HUBER, Levels, best_delay_us, fit_line, misfit
-
-Float64 = NDArray[np.float64]
+from tasks.recording.levels import HUBER, Float64, Levels, best_delay_us, fit_line, misfit
 
 # Shares of the filter in the delay, squared, from which searches start; they may end apart.
 _SHARES = (0.3, 0.9)
@@ -146,8 +143,7 @@ def fit_motion(
     blur = (1e-6 * exposure_us) ** 2 / (12 * poles)
     slowest = math.sqrt(pole.high**2 + blur)
     latency = latency.widened(poles * (slowest - pole.high))
-    late = 1e6 * latency.value, pole.value, poles
-    unexplained = fit_line(levels, *late).unexplained
+    unexplained = fit_line(levels, 1e6 * latency.value, pole.value, poles).unexplained
     alone = fit_line(levels, start_us).unexplained
     # What a filter explains grows with the fourth power of its time constant.
     filtered = 1 - errors * alone / max(alone - unexplained, 1e-12)
@@ -240,7 +236,6 @@ class _Fit:
         ]
         self._x: Float64 = min(searches, key=lambda search: search.cost).x
         self._rest = self._left(self._x)
-        self._unit = levels.unit
 
     def _left(self, x: Float64) -> Float64:
         """Return the (N,) residuals of the light at the events, in thresholds."""
@@ -249,8 +244,7 @@ class _Fit:
         late_us = delay_us - 1e6 * self._poles * pole_s
         light = self._levels.light_at_events(late_us, pole_s, self._poles)
         left = self._levels.within_blocks(light) - C_on * self._on + C_off * self._off
-        rest: Float64 = left / (0.5 * (C_on + C_off))
-        return rest
+        return np.asarray(left / (0.5 * (C_on + C_off)))
 
     def _slopes(self, x: Float64) -> Float64:
         """Return (N, 4) derivatives of `_left`."""
@@ -284,7 +278,7 @@ class _Fit:
         """(tiles,) Huber's loss."""
         r = np.abs(self._rest)
         loss = np.where(r <= self._scale, 0.5 * r * r, self._scale * (r - 0.5 * self._scale))
-        return np.bincount(self._unit, loss).astype(np.float64)
+        return np.bincount(self._levels.unit, loss).astype(np.float64)
 
     def answer(self, step: Float64 | None = None) -> Float64:
         """Return delay, time constant and latency, seconds, at the fit or a step from it."""
@@ -303,7 +297,7 @@ class _Fit:
         upper = np.triu_indices(4)
         columns = [weight * J[:, i] * J[:, j] for i, j in zip(*upper, strict=True)]
         columns += [weight * J[:, i] * self._rest for i in range(4)]
-        of_units = [np.bincount(self._unit, one) for one in columns]
+        of_units = [np.bincount(self._levels.unit, one) for one in columns]
         sums = np.stack(of_units, axis=1).astype(np.float64)
 
         def answer(total: Float64) -> Float64:

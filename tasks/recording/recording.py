@@ -53,8 +53,7 @@ class Recording:
 
     def parts(self) -> Iterator[Events]:
         """Read the file in parts."""
-        parts = self.reading.parts(self.path, self.format)
-        return _between(parts, self.start_us, self.end_us)
+        return _between(self.reading.parts(self.path, self.format), self.start_us, self.end_us)
 
     def counted(self, stage: str, on_progress: Progress) -> Iterator[Events]:
         """Read the file in parts, and report progress after each.
@@ -111,16 +110,15 @@ def open_recording(
     path = Path(path)
     parts = reading.parts(path, format)
     header = read_header(path, format=format, topic=reading.topic).with_size(reading.size)
-    first_us, last_us, count = 0, 0, 0
+    ends_us: list[int] = []
+    count = 0
     for part in _between(parts, *span_us):
-        if len(part):
-            first_us = first_us if count else int(part.t_us[0])
-            last_us = int(part.t_us[-1])
-            count += len(part)
+        ends_us += part.t_us[[0, -1]].tolist() if len(part) else []
+        count += len(part)
     if not count:
         where = "" if span_us == _ALL_US else " in the time to show"
         raise TaskError(f"{path}: has no events{where}")
-    return Recording(path, header, first_us, last_us + 1, count, reading, format)
+    return Recording(path, header, ends_us[0], ends_us[-1] + 1, count, reading, format)
 
 
 def _between(parts: Iterable[Events], start_us: int, end_us: int) -> Iterator[Events]:

@@ -9,14 +9,13 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eres_render.progress import Progress
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Video
-from tasks.evaluation.source import FlowPoints, Images, Polarities, Source, Window
+from tasks.evaluation.source import Float64, FlowPoints, Images, Polarities, Source, Window
 from tasks.recording.flow_windows import Sharpness, Start, Tracks, track, windows_of
 from tasks.recording.frames import RecordedFrames, inside, sums
 from tasks.recording.options import FlowOptions
@@ -24,8 +23,6 @@ from tasks.recording.recording import Recording, cut
 from tasks.recording.threshold import Thresholds
 from tasks.registry import TASKS
 from tasks.video import picture
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(eq=False, kw_only=True)

@@ -139,10 +139,9 @@ def fit_thresholds(
         because all light rises.
     """
     line = fit_line(levels, delay_us, pole_s, poles)
-    both = line.thresholds()
     half = fit_line(coarse, delay_us, pole_s, poles)
     C_on, C_off = (
         C.widened(_PIXELS * C.value + abs(other - C.value)).raised(line.unexplained)
-        for C, other in zip(both, (half.on, half.off), strict=True)
+        for C, other in zip(line.thresholds(), (half.on, half.off), strict=True)
     )
     return FittedThresholds(C_on, C_off, levels.dark, line.unexplained, len(levels))

@@ -201,8 +201,7 @@ def write_video(
     make_folder(out.parent)
     with unfinished(out, folder=True) as folder:
         for k, log_image in enumerate(_images(recording, name, taker, on_progress)):
-            shown = picture(log_image, log_image.shape, wanted)
-            codes = np.round(255 * shown).astype(np.uint8)
+            codes = np.round(255 * picture(log_image, log_image.shape, wanted)).astype(np.uint8)
             if calibration is not None:
                 codes = np.asarray(cv2.undistort(codes, *calibration), np.uint8)
             Image.fromarray(codes).save(folder / f"{k:06}.png")

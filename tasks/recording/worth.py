@@ -78,8 +78,7 @@ def solve_pairs(
     As `Explained.solve`, for each shift.
     """
     fits = [Explained() for _ in shifts_us]
-    earliest_us, latest_us = min(shifts_us), max(shifts_us)
-    starts_us, ends_us = frames.start_us + earliest_us, frames.end_us + latest_us
+    starts_us, ends_us = frames.start_us + min(shifts_us), frames.end_us + max(shifts_us)
     windows = [(int(starts_us[k]), int(ends_us[k + 1])) for k in pairs]
     for k, events in zip(pairs, cut(recording.parts(), windows), strict=True):
         before, after = frames.log_light(k), frames.log_light(k + 1)

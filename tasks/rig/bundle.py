@@ -28,9 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, RenderError
 from tasks.errors import RigError
-from tasks.rig.slider import Slider
-
-Float64 = NDArray[np.float64]
+from tasks.rig.slider import Float64, Slider
 
 PARAMETERS = (
     *("turn_x_rad", "turn_y_rad", "turn_z_rad"),
@@ -304,7 +302,6 @@ class _Model:
                 values,
                 jac=jac,
                 x_scale="jac",
-                method="trf",
                 max_nfev=_MAX_STEPS,
             )
         except RenderError:  # the page is behind the camera

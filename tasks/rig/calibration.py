@@ -19,7 +19,6 @@ from tasks.rig.markers import Detections
 from tasks.rig.recording import RigRecording
 
 TRUTH_NAME = "truth.json"
-GAUGE = "page: x right, y down, z into the page, origin in its top left corner, meters"
 
 _GRID = 9  # points along each side of the image at which views are compared
 _EDGE_PX = 2.0  # a corner is an intersection of lines, so it can lie this far outside the image
@@ -111,7 +110,7 @@ class SolvedRecording:
 class RigCalibration:
     """The solutions of recordings, and the coordinate frame of their poses."""
 
-    gauge: str = GAUGE
+    gauge: str = "page: x right, y down, z into the page, origin in its top left corner, meters"
     recordings: tuple[SolvedRecording, ...]
 
     def of(self, recording: RigRecording) -> SolvedRecording:
@@ -219,8 +218,7 @@ def compare(pose: RigPose, truth: RigPose, x_m: tuple[float, float]) -> Errors:
     for x in positions.tolist():
         solved_m, true_m = (each.on_page(grid_px, x) for each in (pose, truth))
         image.append(pose.project(true_m, x) - grid_px)
-        moved = pose.project(solved_m, x + _WINDOW_M)
-        flow.append(moved - truth.project(true_m, x + _WINDOW_M))
+        flow.append(pose.project(solved_m, x + _WINDOW_M) - truth.project(true_m, x + _WINDOW_M))
     turned_rad = Rotation.from_matrix(pose.R_world_cam.T @ truth.R_world_cam).magnitude()
     return Errors(1e3 * _rms(apart_m), float(np.rad2deg(turned_rad)), _rms(image), _rms(flow))
 

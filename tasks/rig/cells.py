@@ -22,9 +22,9 @@ _log = logging.getLogger(__name__)
 
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
-_Light = tuple[float, float]  # cutoff and contrast threshold
+_Light = tuple[str, float, float]  # picture, cutoff and contrast threshold
 _Cell = tuple[int, float]  # width, px, and speed, m/s
-_Place = dict[int, list[Row]]  # the rows of a task at a place, by item
+_Rows = dict[tuple[int, int], list[Row]]  # of a task, by the numbers of place and item
 _Shared = dict[int, list[int]]  # items that all widths have, by the number of their place
 
 
@@ -43,38 +43,38 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    groups: dict[tuple[str, _Light, str], dict[_Cell, dict[int, _Place]]] = {}
+    groups: dict[tuple[_Light, str], dict[_Cell, _Rows]] = {}
+    of_light: defaultdict[_Light, set[int]] = defaultdict(set)
     # The nth visit in a direction has the same items in every recording, whatever other speeds it
     # has: the visits of each place, speed and direction are counted anew.
     visits: defaultdict[Hashable, dict[tuple[int, int], int]] = defaultdict(dict)
     for recording, rows in enumerate(recordings):
         for row in sorted(rows, key=lambda row: row.item):
             cell = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
-            group = row.scene, (row.cutoff_hz, row.contrast_threshold), row.task
+            light = row.scene, row.cutoff_hz, row.contrast_threshold
+            of_light[light].add(cell[0])
+            group = light, row.task
             visit, k = divmod(row.item, per_visit.get(row.task, 1))
             back = visit % 2
             counted = visits[group, cell, row.sample, back]
             n = counted.setdefault((recording, visit), len(counted))
             item = (2 * n + back) * per_visit.get(row.task, 1) + k
-            place = groups.setdefault(group, {}).setdefault(cell, {}).setdefault(row.sample, {})
+            in_cell = groups.setdefault(group, {}).setdefault(cell, {})
             moved = replace(row, width=cell[0], speed=cell[1], speed_m_s=cell[1])
-            place.setdefault(item, []).append(moved)
-    of_light: dict[tuple[str, _Light], set[int]] = {}
-    for (scene, light, _), cells in groups.items():
-        of_light.setdefault((scene, light), set()).update(width for width, _ in cells)
-    for (scene, light), has in of_light.items():
-        lacks = {px for (other, _), of in of_light.items() if other == scene for px in of - has}
+            in_cell.setdefault((row.sample, item), []).append(moved)
+    for light, has in of_light.items():
+        lacks = {px for other, of in of_light.items() if other[0] == light[0] for px in of - has}
         if lacks:
             _log.warning(
                 "%s: cutoff %g Hz, threshold %g: has crops %s wide, but none %s wide",
-                *(scene, *light, _named(has), _named(lacks)),
+                *(*light, _named(has), _named(lacks)),
             )
     grouped: list[Row] = []
-    for (scene, light, task), cells in groups.items():
-        rows = _equal(cells, of_light[scene, light])
+    for (light, task), cells in groups.items():
+        rows = _equal(cells, of_light[light])
         if not rows:
-            named = _named(of_light[scene, light])
-            lacking = f"{task} of {scene}: crops {named} wide share no place at any speed"
+            named = _named(of_light[light])
+            lacking = f"{task} of {light[0]}: crops {named} wide share no place at any speed"
             _log.warning("%s; this task is left out", lacking)
         grouped += rows
     if every and not grouped:
@@ -96,34 +96,33 @@ def _groups(values: Iterable[float]) -> dict[float, float]:
     return {value: float(np.median(group)) for group in groups for value in group.tolist()}
 
 
-def _equal(cells: dict[_Cell, dict[int, _Place]], widths: Collection[int]) -> list[Row]:
+def _equal(cells: dict[_Cell, _Rows], widths: Collection[int]) -> list[Row]:
     """Return the rows of a task on a picture, reduced to what every width has."""
     shared = {
-        speed: _shared([cells.get((width, speed), {}) for width in widths])
+        speed: _shared(cells.get((width, speed), {}) for width in widths)
         for speed in sorted({speed for _, speed in cells})
     }
     sizes = sorted({len(items) for places in shared.values() for items in places.values()})
     chosen = max((_full(shared, n) for n in sizes), key=_worth, default={})
     count = min(map(len, chosen.values()), default=0)
     rows = []
-    for (_, speed), places in cells.items():
+    for (_, speed), in_cell in cells.items():
         if speed not in chosen:
             continue
-        numbers = [*chosen[speed]]
-        spread = np.linspace(0, len(numbers) - 1, count).round().astype(int).tolist()
-        for sample, number in enumerate(numbers[index] for index in spread):
-            for item, old in enumerate(chosen[speed][number]):
-                rows += [replace(row, sample=sample, item=item) for row in places[number][old]]
+        places = [*chosen[speed].items()]
+        spread = np.linspace(0, len(places) - 1, count).round().astype(int).tolist()
+        for sample, (place, items) in enumerate(places[index] for index in spread):
+            for item, old in enumerate(items):
+                rows += [replace(row, sample=sample, item=item) for row in in_cell[place, old]]
     return rows
 
 
-def _shared(widths: Sequence[dict[int, _Place]]) -> _Shared:
-    """Return the items that all widths have, by their place; without places that have none."""
-    shared = {
-        number: sorted(set.intersection(*(set(places[number]) for places in widths)))
-        for number in sorted(set.intersection(*map(set, widths)))
-    }
-    return {number: items for number, items in shared.items() if items}
+def _shared(widths: Iterable[_Rows]) -> _Shared:
+    """Return the items that all widths have, by their place."""
+    shared: defaultdict[int, list[int]] = defaultdict(list)
+    for place, item in sorted(set.intersection(*map(set, widths))):
+        shared[place].append(item)
+    return shared
 
 
 def _full(shared: dict[float, _Shared], n: int) -> dict[float, _Shared]:

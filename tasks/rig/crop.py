@@ -15,7 +15,6 @@ from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eres_render import Camera, Distortion
 from eres_render.progress import Progress, silent
@@ -32,9 +31,7 @@ from tasks.rig.bundle import RigPose
 from tasks.rig.calibration import RigCalibration, StoredPose
 from tasks.rig.recording import RigRecording, span_us
 from tasks.rig.settings import RIG_FILE
-from tasks.rig.slider import SLIDER_FILE, Slider, read_slider, slider_text
-
-Float64 = NDArray[np.float64]
+from tasks.rig.slider import SLIDER_FILE, Float64, Slider, read_slider, slider_text
 
 CROP_FILE = "crop.json"
 EVENTS_NAME = "events.h5"
@@ -174,10 +171,8 @@ def homography(pose: RigPose, x_m: float) -> Float64:
     H
         (3, 3), with last entry 1.
     """
-    T = pose.at(x_m)
-    R_cam_world = T[:3, :3].T
-    columns = np.column_stack([R_cam_world[:, :2], -R_cam_world @ T[:3, 3]])
-    H = pose.camera.K @ columns
+    R_cam_world, position_m = pose.R_world_cam.T, pose.at(x_m)[:3, 3]
+    H = pose.camera.K @ np.column_stack([R_cam_world[:, :2], -R_cam_world @ position_m])
     return H / H[2, 2]
 
 
@@ -261,8 +256,7 @@ def _write_poses(folder: Path, slider: Slider, cropped: Cropped) -> None:
     write_text(folder / "poses.txt", tum_text(1e-6 * t_us, pose.at(x_m)))
     lines = ["t_us," + ",".join(f"h{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))]
     for t, x in zip(t_us.tolist(), x_m.tolist(), strict=True):
-        values = homography(pose, x).ravel().tolist()
-        lines.append(f"{t:.0f}," + ",".join(map(repr, values)))
+        lines.append(f"{t:.0f}," + ",".join(map(repr, homography(pose, x).ravel().tolist())))
     write_text(folder / "homographies.csv", "\n".join(lines) + "\n")
 
 

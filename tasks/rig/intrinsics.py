@@ -88,9 +88,8 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
         (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
     """
     parts = list(read_events(path, size=size))
-    first_us, last_us = span_us(path, parts)
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
-    wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
+    wanted_us = np.linspace(*span_us(path, parts), _IMAGES + 1)[1:].astype(np.int64).tolist()
     taker = ImageTaker(hp, wanted_us)
     images = [image for part in parts for _, image in taker.take(part)]
     yield from map(gray_codes, (np.sum(images, axis=0), *images))
@@ -149,7 +148,6 @@ def calibrate(
             f"intrinsics: OpenCV could not calibrate from these views ({error.err}); tilt the "
             "board more, and differently in each view"
         ) from error
-    k1, k2, p1, p2 = lens.ravel()[:4].tolist()
     corners_m = board.points_m().astype(np.float64)
     derivatives = [
         np.asarray(cv2.projectPoints(corners_m, turn, place, K, lens)[1], np.float64)
@@ -161,14 +159,9 @@ def calibrate(
             f"intrinsics: the focal length is uncertain: {K[0, 0]:.4g} +- {sigmas[0]:.2g} px; tilt "
             "the board more, and differently in each view"
         )
+    bent = Distortion(*lens.ravel()[:4].tolist())
     camera = Camera(
-        width,
-        height,
-        fx=float(K[0, 0]),
-        fy=float(K[1, 1]),
-        cx=float(K[0, 2]) + 0.5,
-        cy=float(K[1, 2]) + 0.5,
-        distortion=Distortion(k1=k1, k2=k2, p1=p1, p2=p2),
+        width, height, fx=K[0, 0], fy=K[1, 1], cx=K[0, 2] + 0.5, cy=K[1, 2] + 0.5, distortion=bent
     )
     return camera, dict(zip(_NAMES, sigmas.tolist(), strict=True)), float(rms_px)
 
@@ -223,5 +216,4 @@ def intrinsics(
         if view_px is not None:
             views_px[path] = view_px
         on_progress("looking for the board", k + 1, len(paths))
-    camera, sigmas, rms_px = calibrate([*views_px.values()], board, *sizes.pop())
-    return Intrinsics(camera, sigmas, rms_px, tuple(views_px))
+    return Intrinsics(*calibrate([*views_px.values()], board, *sizes.pop()), tuple(views_px))

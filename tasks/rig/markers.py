@@ -193,19 +193,17 @@ class _Integration:
     """
 
     def __init__(self, log_frame: Float64, from_us: int, C_on: float, C_off: float) -> None:
-        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, (C_on, C_off)
+        self._log_image, self._from_us = log_frame.copy(), from_us
+        self._changes = C_on, -C_off
         self._last = np.zeros(log_frame.shape)  # change of each pixel's light in its last event
 
     def push(self, events: Events) -> None:
         later = events[int(np.searchsorted(events.t_us, self._from_us)) :]
-        if len(later):
-            C_on, C_off = self._C
-            changes = np.where(later.p > 0, C_on, -C_off)
-            pixel = later.y.astype(np.int64) * later.width + later.x
-            sums = np.bincount(pixel, changes, minlength=self._log_image.size)
-            self._log_image += sums.reshape(self._log_image.shape)
-            changed, from_end = np.unique(pixel[::-1], return_index=True)
-            self._last.ravel()[changed] = changes[::-1][from_end]
+        changes = np.where(later.p > 0, *self._changes)
+        pixel = later.y.astype(np.int64) * later.width + later.x
+        sums = np.bincount(pixel, changes, minlength=self._log_image.size)
+        self._log_image += sums.reshape(self._log_image.shape)
+        self._last[later.y, later.x] = changes  # of several at a pixel, the last one stays
 
     def image(self, t_us: int) -> Float64:
         return self._log_image + 0.5 * self._last

@@ -115,10 +115,9 @@ def lay_out(settings: PageSettings) -> Page:
     columns = _centered(white, width - white, side, pitch)
     above = np.arange(top - white - side, white - 1, -pitch)[::-1]
     below = np.arange(bottom + white, height - side - white + 1, pitch)
-    between = _centered(top, bottom, side, pitch)
     rows = [(y, columns) for y in (*above, *below)]
     outside = columns[(columns + side + white <= left) | (columns >= right + white)]
-    rows += [(y, outside) for y in between]
+    rows += [(y, outside) for y in _centered(top, bottom, side, pitch)]
     places = [(int(x), int(y)) for y, xs in sorted(rows, key=lambda row: row[0]) for x in xs]
     available = len(dictionary.bytesList)
     if not 0 < len(places) <= available:
@@ -175,8 +174,7 @@ def _picture(
     """Return a linear picture that is 1 at its 99.9th percentile and above."""
     if settings.picture in PICTURES:
         kind, magnification = PICTURES[settings.picture]
-        recipe = TextureRecipe(kind, shape[1], magnification * dot_m, settings.seed, shape[0])
-        light = recipe.make()
+        light = TextureRecipe(kind, shape[1], magnification * dot_m, settings.seed, shape[0]).make()
     else:
         file = folder / settings.picture
         if not file.is_file():

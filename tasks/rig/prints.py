@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,7 @@ from tasks.rig.bundle import RigPose
 from tasks.rig.crop import EVENTS_NAME, Cropped
 from tasks.rig.page import Page, page_views, read_print
 from tasks.rig.recording import span_us
-from tasks.rig.slider import SLIDER_FILE, Slider, read_slider
-
-Float64 = NDArray[np.float64]
+from tasks.rig.slider import SLIDER_FILE, Float64, Slider, read_slider
 
 _EVEN = 1e-3  # largest deviation from constant speed in a window, as a fraction of the travel
 _EVEN_IN_STEPS = 5e-3  # the same where the encoder's steps are coarser
@@ -64,7 +63,7 @@ class Window:
         return 1e6 * abs(self.x_m[1] - self.x_m[0]) / (self.end_us - self.start_us)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(eq=False, slots=True)
 class Way:
     """Which part of the print is in the middle of a crop at each position of its slider.
 
@@ -88,18 +87,16 @@ class Way:
 
     def __post_init__(self) -> None:
         t_us, x_m = self.slider.t_us, self.slider.x_m
-        first_us = max(self.first_us, math.ceil(t_us[0]))
-        last_us = min(self.last_us, math.floor(t_us[-1]))
-        if first_us >= last_us:
+        self.first_us = max(self.first_us, math.ceil(t_us[0]))
+        self.last_us = min(self.last_us, math.floor(t_us[-1]))
+        if self.first_us >= self.last_us:
             raise RigError("slider: the readings and the events do not overlap in time")
-        inside = x_m[(t_us >= first_us) & (t_us <= last_us)]
-        x = [*self.slider.position_m([first_us, last_us]).tolist(), *inside.tolist()]
+        inside = x_m[(t_us >= self.first_us) & (t_us <= self.last_us)]
+        x = [*self.slider.position_m([self.first_us, self.last_us]).tolist(), *inside.tolist()]
         if min(x) == max(x):
             raise RigError(f"slider: the carriage stays at {x[0]:g} m during the events")
         low_m, high_m = sorted(self.begin_m + self.slope * end for end in (min(x), max(x)))
-        found = {"first_us": first_us, "last_us": last_us, "span_m": (low_m, high_m)}
-        for name, value in found.items():
-            object.__setattr__(self, name, value)
+        self.span_m = low_m, high_m
 
     def slider_m(self, position_m: ArrayLike) -> Float64:
         """Return the slider's positions, m, at positions along the print, m."""
@@ -142,21 +139,17 @@ def _passes(slider: Slider, low_m: float, high_m: float) -> list[tuple[float, fl
     An encoder that jitters crosses a position several times: the last time before the other
     position counts, and the first time there.
     """
-    low_us, high_us = _crossings(slider, low_m), _crossings(slider, high_m)
-    t_us = np.concatenate([low_us, high_us])
-    is_high = np.repeat([False, True], [len(low_us), len(high_us)])
-    order = np.argsort(t_us, kind="stable")
-    t_us, is_high = t_us[order], is_high[order]
-    k = np.flatnonzero(is_high[1:] != is_high[:-1])
-    return list(zip(t_us[k].tolist(), t_us[k + 1].tolist(), is_high[k + 1].tolist(), strict=True))
+    crossings = sorted(_crossings(slider, low_m) + _crossings(slider, high_m))
+    return [(start, end, b > a) for (start, a), (end, b) in pairwise(crossings) if a != b]
 
 
-def _crossings(slider: Slider, x_m: float) -> Float64:
-    """Return the times at which the carriage crosses a position, us."""
+def _crossings(slider: Slider, x_m: float) -> list[tuple[float, float]]:
+    """Return the times at which the carriage crosses a position, us, each with the position."""
     beyond = slider.x_m >= x_m
     k = np.flatnonzero(beyond[1:] != beyond[:-1])
     share = (x_m - slider.x_m[k]) / (slider.x_m[k + 1] - slider.x_m[k])
-    return np.asarray(slider.t_us[k] + share * (slider.t_us[k + 1] - slider.t_us[k]))
+    times_us = slider.t_us[k] + share * (slider.t_us[k + 1] - slider.t_us[k])
+    return [(t_us, x_m) for t_us in times_us.tolist()]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -195,9 +188,8 @@ class Print:
             left, top, right, bottom = self.page.picture_m
             x, y = points_m.T
             inside = (x > left) & (x < right) & (y > top) & (y < bottom)
-            for side in (-1, 1):
-                at_m = x_m + side * 0.5 * self.travel_m / pose.scale
-                inside &= are_inside(camera, pose.project(points_m, at_m), margin_px)
+            ends_m = x_m + np.array([-0.5, 0.5]) * self.travel_m / pose.scale
+            inside &= are_inside(camera, pose.project(points_m, ends_m), margin_px).all(axis=0)
             self._corners_m[place] = points_m[inside]
         return self._corners_m[place]
 
@@ -256,8 +248,7 @@ def _print_of(scene: str, crops: Mapping[Path, Cropped], places: int, travel_m: 
     direction = crops[folder].view().direction[:2]
     along = direction / np.linalg.norm(direction)
     ways = {path: _way_of(path, cropped, along) for path, cropped in crops.items()}
-    places_m = _evenly(scene, ways, places, travel_m)
-    return Print(page, light, ways, ways[folder], travel_m, places_m)
+    return Print(page, light, ways, ways[folder], travel_m, _evenly(scene, ways, places, travel_m))
 
 
 def _field_m(cropped: Cropped) -> float:

@@ -14,21 +14,19 @@ It holds
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render import Camera
 from sensor import Events
 from sensor.errors import reading
 from sensor.formats import FORMATS, Triggers, read_events, read_header, read_triggers
 from tasks.errors import RigError
 from tasks.exposures import FILE_NAME, Exposure, read_exposures
 from tasks.rig import page as pages
-from tasks.rig.settings import RIG_FILE, RigSettings, read_rig
+from tasks.rig.settings import RIG_FILE, read_rig
 from tasks.rig.slider import SLIDER_FILE, Slider, read_columns, read_slider
 
 FRAMES_FOLDER = "frames"
@@ -43,38 +41,21 @@ def recorded_files(folder: Path) -> list[Path]:
     return [file for pattern in _RECORDED for file in sorted(folder.glob(pattern))]
 
 
-@dataclass(frozen=True)
 class RigRecording:
-    """A recording; events and images are read when they are needed."""
+    """A recording; events and images are read when they are needed.
 
-    folder: Path
+    The readings of the slider are on the clock of the events.
+    """
 
-    def __post_init__(self) -> None:
-        _ = self.settings, self.page, self.slider
-
-    @cached_property
-    def settings(self) -> RigSettings:
-        """The rig."""
-        return read_rig(self.folder / RIG_FILE)
-
-    @cached_property
-    def camera(self) -> Camera:
-        """The camera."""
-        return self.settings.camera_in(self.folder)
-
-    @cached_property
-    def page(self) -> pages.Page:
-        """The print."""
-        return pages.read_page(self.folder / pages.FILE_NAME)
-
-    @cached_property
-    def slider(self) -> Slider:
-        """The readings of the encoder, on the clock of the events."""
-        slider = read_slider(self.folder / SLIDER_FILE)
-        edges = self.folder / "triggers.csv"
-        if not edges.exists():
-            return slider
-        return on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.settings = read_rig(folder / RIG_FILE)
+        self.camera = self.settings.camera_in(folder)
+        self.page = pages.read_page(folder / pages.FILE_NAME)
+        slider, edges = read_slider(folder / SLIDER_FILE), folder / "triggers.csv"
+        if edges.exists():
+            slider = on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
+        self.slider = slider
 
     @cached_property
     def events_file(self) -> Path:
@@ -94,8 +75,7 @@ class RigRecording:
             header.with_size(size)
         ends_us: list[int] = []
         for part in read_events(self.events_file, size=size):
-            if len(part):
-                ends_us = [*ends_us[:1], int(part.t_us[0]), int(part.t_us[-1])]
+            ends_us += part.t_us[[0, -1]].tolist() if len(part) else []
             yield part
         if not ends_us:
             raise RigError(f"{self.events_file}: has no events")

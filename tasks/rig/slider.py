@@ -78,13 +78,11 @@ class Slider:
         steps_us = np.diff(self.t_us)
         usual_us = float(np.median(steps_us))
         speeds = np.abs(np.diff(self.x_m)) / steps_us
-        moving = speeds[speeds > 0]
-        if not moving.size:
+        if not speeds.any():
             return
-        moved = speeds > _MOVES * np.median(moving)
-        gaps = np.flatnonzero(moved & (steps_us > _MAX_GAP * usual_us))
-        if gaps.size:
-            worst = gaps[np.argmax(steps_us[gaps])]
+        moving_us = np.where(speeds > _MOVES * np.median(speeds[speeds > 0]), steps_us, 0.0)
+        worst = int(np.argmax(moving_us))
+        if moving_us[worst] > _MAX_GAP * usual_us:
             raise RigError(
                 f"slider: no readings from {self.t_us[worst]:.0f} to {self.t_us[worst + 1]:.0f} us,"
                 f" while the carriage moved; usually there is one every {usual_us:.0f} us"
@@ -107,11 +105,10 @@ class Slider:
         """
         inside = (self.t_us > start_us) & (self.t_us < end_us)
         t = np.concatenate([[start_us], self.t_us[inside], [end_us]])
-        middle = 0.5 * (t[1:] + t[:-1])
-        speed = np.abs(self.speed_mps(middle))
-        limit = float(np.max(speed[speed <= max_speed_mps], initial=0.0))
-        moves = (speed > _MOVES * limit) & (speed <= max_speed_mps)
-        way = np.concatenate([[0.0], np.cumsum(np.where(moves, speed * np.diff(t), 0.0))])
+        speed = np.abs(self.speed_mps(0.5 * (t[1:] + t[:-1])))
+        speed = np.where(speed <= max_speed_mps, speed, 0.0)
+        moved = np.where(speed > _MOVES * speed.max(), speed * np.diff(t), 0.0)
+        way = np.concatenate([[0.0], np.cumsum(moved)])
         if not way[-1] > 0:
             raise RigError(
                 f"slider: no motion from {start_us:.0f} to {end_us:.0f} us at up to "

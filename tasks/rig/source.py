@@ -16,15 +16,13 @@ from sensor.levels import DARK_SHARE
 from tasks.evaluation import source
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.settings import DenseFlow, Flow, TaskSettings, Tracking, Video
-from tasks.evaluation.source import FlowPoints, Images, Source, true_points
+from tasks.evaluation.source import Float64, FlowPoints, Images, Source, true_points
 from tasks.flow import Features
 from tasks.reconstruction import log_white_level
 from tasks.rig.page import page_views
 from tasks.rig.prints import Print, Way, Window, are_inside
 from tasks.tracking import path_at
 from tasks.video import picture
-
-Float64 = NDArray[np.float64]
 
 MAX_ITEMS = 1_000_000
 """Items of a task in a visit to a place."""
@@ -99,8 +97,7 @@ class CropSource(Source):
         numbers, centers_px, flow_px = self.corners(task.features)
         rng = np.random.default_rng([task.seed, self._first.place, self._first.back])
         draws = rng.standard_normal((task.features, 2))[numbers]
-        features = Features(*self.size, centers_px, flow_px, draws)
-        return true_points(features, task, numbers.tolist())
+        return true_points(Features(*self.size, centers_px, flow_px, draws), task, numbers.tolist())
 
     def images(self, task: Video) -> Images:
         windows, shape = self.windows, self.size[::-1]
@@ -114,8 +111,7 @@ class CropSource(Source):
         return path_at(self.pose, 0.0)
 
     def pose(self, t_s: Float64) -> Float64:
-        x_m = self.way.slider.position_m(self.window.start_us + 1e6 * t_s)
-        return self._pose.at(x_m)
+        return self._pose.at(self.way.slider.position_m(self.window.start_us + 1e6 * t_s))
 
     def seeds(self, task: Tracking) -> tuple[list[int], int]:
         return [task.seed, self._first.place, self._first.back], 0
