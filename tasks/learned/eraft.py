@@ -71,13 +71,9 @@ class ERaft:
         -------
         (2, height, width) px, x first.
         """
-        return cpu.run(self._flow, old, new, iterations)
-
-    def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
-        (full,) = self._network(*grids, iterations)
-        flow: Float32 = full[0].numpy()
-        return flow
+        (full,) = cpu.run(self._network, *grids, iterations)
+        return full[0].numpy()
 
 
 def load(file: Path) -> ERaft:

@@ -121,8 +121,7 @@ class _Encoder(nn.Module):
 
     def forward(self, grid: Tensor) -> Tensor:
         x = functional.relu(self.norm1(self.conv1(grid)))
-        features: Tensor = self.conv2(self.layer3(self.layer2(self.layer1(x))))
-        return features
+        return self.conv2(self.layer3(self.layer2(self.layer1(x))))
 
 
 def _layer(channels: int, out: int, stride: int, norm: str) -> nn.Sequential:
