@@ -87,10 +87,8 @@ class Reconstruction(Problem):
         grids = [inputs.push(events) for events in crop.events]
         first = (ranked_px - side_px) // 2
         inside = slice(first, first + side_px)
-        pictures = []
-        for k in range(run_in + 1, len(crop.events) + 1):
-            image = crop.log_image(k, ranked_px)
-            pictures.append(picture(image, image.shape, _EQUALIZATION)[inside, inside])
+        logs = (crop.log_image(k, ranked_px) for k in range(run_in + 1, len(grids) + 1))
+        pictures = [picture(log, log.shape, _EQUALIZATION)[inside, inside] for log in logs]
         return np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
@@ -122,19 +120,17 @@ class Reconstruction(Problem):
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
         """As `Problem.baseline_scores`."""
         _, pictures = sample
-        later = range(len(pictures) // 2, len(pictures))
-        skipped = len(crop.events) - len(pictures)
         size = crop.events[0].width, crop.events[0].height, crop.contrast_threshold
         methods: list[VideoMethod] = [HighPassFilter(*size), BlankVideo(*size)]
+        windows = list(zip(crop.events, crop.ends_us, strict=True))
         means = []
         for method in methods:
-            for events in crop.events[: skipped + later.start]:
-                method.push(events)
             scores = []
-            for k in later:
-                method.push(crop.events[skipped + k])
-                image = method.image(crop.ends_us[skipped + k])
-                scores.append(_psnr_db(image, pictures[k].astype(np.float64)))
+            for k, (events, end_us) in enumerate(windows, start=len(pictures) - len(windows)):
+                method.push(events)
+                if k >= len(pictures) // 2:
+                    truth = pictures[k].astype(np.float64)
+                    scores.append(_psnr_db(method.image(end_us), truth))
             means.append(float(np.mean(scores)))
         return means
 
@@ -165,8 +161,7 @@ def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
     (B * tiles^2, S / tiles, S / tiles), row by row. A tile without contrast is gray.
     """
     side = images.shape[1] // tiles
-    rows = images.unfold(1, side, side).unfold(2, side, side)
-    parts = rows.reshape(-1, side, side)
+    parts = images.unfold(1, side, side).unfold(2, side, side).reshape(-1, side, side)
     centered = parts - parts.mean(dim=(1, 2), keepdim=True)
     variance = torch.square(centered).mean(dim=(1, 2), keepdim=True)
     return 0.5 + centered / torch.sqrt(12 * (variance + _FLAT))
@@ -187,8 +182,7 @@ def _start_as_the_filter(network: E2VIDRecurrent) -> None:
     middle = unet.head.conv2d.kernel_size[0] // 2
     with torch.no_grad():
         for encoder in unet.encoders:
-            keep = encoder.recurrent_block.Gates.bias.chunk(4)[1]
-            keep.fill_(_KEEP)
+            encoder.recurrent_block.Gates.bias.chunk(4)[1].fill_(_KEEP)  # the keep gates
         for channel, sign in enumerate((1.0, -1.0)):
             unet.head.conv2d.weight[channel] = 0.0
             unet.head.conv2d.bias[channel] = 0.0
