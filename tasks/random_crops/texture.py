@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sensor.compiling import compiler
 
 Float32 = NDArray[np.float32]
-jit = compiler(Path(__file__).parent)
+jit = compiler()
 
 SIDE = 512  # texels, a power of two
 DARKEST, BRIGHTEST = 0.01, 1.0
