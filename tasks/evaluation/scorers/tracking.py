@@ -33,8 +33,7 @@ class TrackingScorer:
         self._end_us = self._start_us + duration_us + task.max_delay_us
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
         self._path_seed, self._seed = source.seeds(task)
-        width, height = source.size
-        self._ranks = tracking.random_ranks(self._seed, height, width)
+        self._ranks = tracking.random_ranks(self._seed, *source.size[::-1])
         self._pixels = self._ranks.size  # of the lowest ranks; the sample has no others
         self._parts: list[Events] = []
 

@@ -26,14 +26,13 @@ class VideoScorer:
         self._source, self._task, self._images = source, task, source.images(task)
         others = {equalization_variant(name): name for name in task.other_equalizations or ()}
         self._equalizations = {"": task.equalization, **others}
-        width, height = source.size
+        arguments = *source.size, source.contrast_threshold
         self._takers = {}
         for name in task.methods:
             start = load_method("video", name, task.weights)
-            arguments = width, height, source.contrast_threshold
             method, _ = ask("video", name, start, *arguments, **self._options(name))
             self._takers[name] = ImageTaker(method, self._images.numbers)
-        self._blank = np.zeros((height, width))
+        self._blank = np.zeros(source.size[::-1])
         self._scores: list[Score] = []
         # Events and CPU time since each method's last image.
         self._events = dict.fromkeys(self._takers, 0)
@@ -46,15 +45,13 @@ class VideoScorer:
             return {"light": self._source.true_light(name)}
         if not method.network or self._images.step_us is None:
             return {}
+        options = {}
         window_us = even_window_us(self._images.step_us)
-        if not has_windows_of_e2vid(name):
-            return {"window_us": window_us / self._source.speed}
-        if self._task.e2vid_window_s is not None:
-            window_us = 1e6 * self._task.e2vid_window_s
-        return {
-            "window_us": window_us / self._source.speed,
-            "events_per_px": self._task.e2vid_events_per_px,
-        }
+        if has_windows_of_e2vid(name):
+            options["events_per_px"] = self._task.e2vid_events_per_px
+            if self._task.e2vid_window_s is not None:
+                window_us = 1e6 * self._task.e2vid_window_s
+        return {"window_us": window_us / self._source.speed, **options}
 
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due; keep no image, they are large."""
