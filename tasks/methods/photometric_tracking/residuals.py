@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,8 +50,7 @@ class Geometry(NamedTuple):
     plane: Float64  # (4,) n and offset, with n . X = offset
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Problem:
+class Problem(NamedTuple):
     """Events of a sample within the path's duration, and other constants of a search."""
 
     events: PixelEvents
@@ -133,8 +131,7 @@ def join_events(problem: Problem, events: int) -> Problem:
         np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
         np.diff(total, prepend=0).astype(np.int16),
     )
-    return replace(
-        problem,
+    return problem._replace(
         events=joined,
         seen_us=_seen_us(t_us, len(problem.seen_us)),
         residuals=int(np.count_nonzero(~first)),
