@@ -64,12 +64,11 @@ def ask_each(
     task: str, name: str, function: Callable[..., Iterator[Any]], *arguments: Any
 ) -> Iterator[tuple[Any, float]]:
     """Run a function of a method that yields answers, one after another."""
-    answers, spent_s = ask(task, name, function, *arguments)
+    answers, _ = ask(task, name, function, *arguments)  # a generator, which has not started
     answer: Any = ()
     while answer is not None:
         answer, cpu_s = ask(task, name, partial(next, answers, None))
-        yield answer, spent_s + cpu_s
-        spent_s = 0.0
+        yield answer, cpu_s
 
 
 def _place(error: Exception, task: str, name: str) -> str:

@@ -95,8 +95,7 @@ def evaluate(
             sensors += here
     assert reference is not None, "there is at least one sensor"
     rows = [row for sensor in sensors for row in sensor.rows]
-    timings = _timings(sequence, len(parts), stopwatch.seconds, sensors)
-    return Evaluation(rows, timings, reference)
+    return Evaluation(rows, _timings(sequence, len(parts), stopwatch.seconds, sensors), reference)
 
 
 def _timings(

@@ -101,8 +101,7 @@ class ReferenceFrames:
 
     def log_frame(self, end: int, model: SensorModel) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's start, 0, or end, 1, with a sensor's dark level."""
-        key = "log", end, model.dark_level
-        return self._once(key, lambda: _log(self._frame(end), model))
+        return self._once(("log", end, model.dark_level), lambda: _log(self._frame(end), model))
 
     def log_white(self, model: SensorModel) -> float:
         """Log intensity of white at the window's end, with the dark level of a sensor."""

@@ -93,5 +93,4 @@ def eraft_of(state: Mapping[str, Tensor], file: Path, name: str = "eraft") -> ER
     if len(shape) != 4:
         raise WeightsError(f"{file}: {_FIRST}: found shape {shape}, expected four axes")
     narrower = _CHANNELS // max(4, shape[0]) or 1  # 1 to 16; all shapes are compared next
-    network = with_weights(partial(ERAFT, shape[1], narrower), state, file)
-    return ERaft(network, shape[1], name)
+    return ERaft(with_weights(partial(ERAFT, shape[1], narrower), state, file), shape[1], name)

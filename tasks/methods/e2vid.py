@@ -130,8 +130,7 @@ class E2vid:
             missing = self._count - self._held
             return missing if missing <= len(events) else None
         if self._origin_us is None:
-            first_us = int(events.t_us[0])
-            self._origin_us = first_us // self._window_us * self._window_us
+            self._origin_us = int(events.t_us[0]) // self._window_us * self._window_us
         if events.t_us[-1] < self._end_us:
             return None
         return int(np.searchsorted(events.t_us, self._end_us))

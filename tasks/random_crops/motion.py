@@ -111,8 +111,7 @@ class Motion:
 
     def fastest_px(self, window: int) -> float:
         """Return the largest speed of a corner of the image in a window, px per window."""
-        times = window + np.linspace(0, 1, _SAMPLES + 1)
-        maps = self.homographies(times)
+        maps = self.homographies(window + np.linspace(0, 1, _SAMPLES + 1))
         ends = [0.0, float(self._side_px)]
         corners = np.array([[x, y] for x in ends for y in ends]).T
         steps = np.linalg.solve(maps[1:], maps[:-1])

@@ -75,8 +75,7 @@ class TrackingScorer:
             )
             initial_mm = self._error_mm(sample.initial)
             for name in task.methods:
-                method = load_method("tracking", name)
-                answer, cpu_s = ask("tracking", name, method, sample)
+                answer, cpu_s = ask("tracking", name, load_method("tracking", name), sample)
                 estimate = path_answer(name, sample, answer)
                 error_mm = self._error_mm(estimate.path)
                 yield Score(

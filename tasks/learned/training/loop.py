@@ -134,8 +134,7 @@ class Training:
         problem.hold_out()
         saved_s = started_s = time.monotonic()
         before_s = self._seconds
-        steps = range(self.step, schedule.steps)
-        with closing(read_ahead(problem.batch, steps)) as batches:
+        with closing(read_ahead(problem.batch, range(self.step, schedule.steps))) as batches:
             for batch in batches:
                 self._losses.append(self.learn(batch))
                 self.step += 1

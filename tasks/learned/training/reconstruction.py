@@ -64,9 +64,8 @@ class Reconstruction(Problem):
 
     def held_out(self) -> tuple[Crops, int]:
         """As `Problem.held_out`: as large as the area of the ranks, a tile at 1280 px."""
-        settings = self.settings
-        crops = replace(settings.crops, side_px=settings.ranked_px)
-        return crops, settings.run_in_windows // 2
+        crops = replace(self.settings.crops, side_px=self.settings.ranked_px)
+        return crops, self.settings.run_in_windows // 2
 
     def run_in(self, step: int) -> int:
         """As `Problem.run_in`."""
@@ -144,8 +143,7 @@ class Reconstruction(Problem):
     @property
     def values_per_px(self) -> int:
         """As `Problem.values_per_px`."""
-        settings = self.settings
-        return settings.windows * (settings.bins + len(DECAYS) + 1)
+        return self.settings.windows * (self.settings.bins + len(DECAYS) + 1)
 
 
 def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:

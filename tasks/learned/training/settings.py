@@ -28,8 +28,7 @@ def _check_numbers(settings: object, **least: int) -> None:
 
 def _check(settings: object, name: str, holds: bool, expected: str) -> None:
     if not holds:
-        value = attrgetter(name)(settings)
-        raise TrainingError(f"{name}: found {value:g}, expected {expected}")
+        raise TrainingError(f"{name}: found {attrgetter(name)(settings):g}, expected {expected}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,5 +185,4 @@ def find_training(known: dict[str, T], name: str) -> T:
         raise TrainingError(
             f"config: found {name!r}, expected a name or a .toml file; {suggestion(name, known)}"
         )
-    kind: type[T] = type(next(iter(known.values())))
-    return read_toml(kind, Path(name), TrainingError)
+    return read_toml(type(known["small"]), Path(name), TrainingError)
