@@ -128,13 +128,10 @@ class ReferenceFrames:
 
     def features(self, count: int, seed: int) -> Features:
         """Return features at the window's start, in pixels of the frames."""
-        manifest = self.sequence.manifest
-        key = manifest.scene, manifest.clip
+        key = self.sequence.manifest.scene, self.sequence.manifest.clip
+        inputs = self._frame(0), self.truth, self.sequence.window_s, key
         return self._once(
-            ("features", count, seed),
-            lambda: find_features(
-                self._frame(0), self.truth, self.sequence.window_s, key, count=count, seed=seed
-            ),
+            ("features", count, seed), lambda: find_features(*inputs, count=count, seed=seed)
         )
 
     def picture(self, model: SensorModel, t_s: float, equalization: str) -> NDArray[np.float64]:

@@ -57,15 +57,15 @@ class VideoScorer:
         """Pass the events on, and score the images that are due; keep no image, they are large."""
         for name, taker in self._takers.items():
             self._events[name] += len(events)
-            self._score(name, ask_each("video", name, taker.take, events))
+            self._scores += self._scored(name, ask_each("video", name, taker.take, events))
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each image and method."""
-        for name, taker in self._takers.items():
-            self._score(name, ask_each("video", name, taker.rest))
         yield from self._scores
+        for name, taker in self._takers.items():
+            yield from self._scored(name, ask_each("video", name, taker.rest))
 
-    def _score(self, name: str, asked: Iterator[tuple[Any, float]]) -> None:
+    def _scored(self, name: str, asked: Iterator[tuple[Any, float]]) -> Iterator[Score]:
         for taken, cpu_s in asked:
             self._cpu_s[name] += cpu_s
             if taken is None:
@@ -76,17 +76,15 @@ class VideoScorer:
             for variant, equalization in self._equalizations.items():
                 truth = self._images.truth(sample, equalization)
                 value = psnr_db(picture(log_image, truth.shape, equalization), truth)
-                self._scores.append(
-                    Score(
-                        name,
-                        value,
-                        variant,
-                        failure=failure,
-                        sample=sample,
-                        events=self._events[name],
-                        cpu_s=self._cpu_s[name],
-                        copied=variant != "",
-                        t_us=t_us,
-                    )
+                yield Score(
+                    name,
+                    value,
+                    variant,
+                    failure=failure,
+                    sample=sample,
+                    events=self._events[name],
+                    cpu_s=self._cpu_s[name],
+                    copied=variant != "",
+                    t_us=t_us,
                 )
             self._events[name], self._cpu_s[name] = 0, 0.0
