@@ -166,8 +166,7 @@ def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
 
 
 def _log_error(images: Tensor, truths: Tensor) -> Tensor:
-    square = torch.square(images - truths).mean(dim=(1, 2))
-    return torch.log(square + _ERROR_FLOOR).mean()
+    return torch.log(torch.square(images - truths).mean(dim=(1, 2)) + _ERROR_FLOOR).mean()
 
 
 def _start_as_the_filter(network: E2VIDRecurrent) -> None:
@@ -181,10 +180,9 @@ def _start_as_the_filter(network: E2VIDRecurrent) -> None:
     with torch.no_grad():
         for encoder in unet.encoders:
             encoder.recurrent_block.Gates.bias.chunk(4)[1].fill_(_KEEP)  # the keep gates
-        for channel, sign in enumerate((1.0, -1.0)):
-            unet.head.conv2d.weight[channel] = 0.0
-            unet.head.conv2d.bias[channel] = 0.0
-            unet.head.conv2d.weight[channel, -1, middle, middle] = sign
+        unet.head.conv2d.weight[:2] = 0.0
+        unet.head.conv2d.bias[:2] = 0.0
+        unet.head.conv2d.weight[:2, -1, middle, middle] = torch.tensor([1.0, -1.0])
         unet.pred.conv2d.weight *= _OTHERS
         unet.pred.conv2d.weight[0, :2, 0, 0] = torch.tensor([_GAIN, -_GAIN])
 

@@ -22,7 +22,7 @@ CHECKPOINT_FILE, WEIGHTS_FILE = "checkpoint.pt", "weights.pt"
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FinalScores:
     """The content of scores.json.
 

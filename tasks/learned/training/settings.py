@@ -110,11 +110,11 @@ class ReconstructionTraining:
         most_px = min(2 * side_px, MAX_SIDE_PX)  # tilted beyond 2, the plane has a horizon
         at_once = f"a divisor of {windows}, the number of windows"
         area = f"at least crops.side_px, {side_px}, and at most {most_px}"
-        tiles = f"a divisor of crops.side_px, {side_px}"
+
         _check(self, "windows_at_once", windows % self.windows_at_once == 0, at_once)
         _check(self, "crops.side_px", side_px % multiple == 0, halved)
         _check(self, "ranked_px", ranked_px % multiple == 0, halved)
-        _check(self, "tiles", side_px % self.tiles == 0, tiles)
+        _check(self, "tiles", side_px % self.tiles == 0, f"a divisor of crops.side_px, {side_px}")
         _check(self, "ranked_px", side_px <= ranked_px <= most_px, area)
 
 
