@@ -64,12 +64,11 @@ def ask_each(
     task: str, name: str, function: Callable[..., Iterator[Any]], *arguments: Any
 ) -> Iterator[tuple[Any, float]]:
     """Run a function of a method that yields answers, one after another."""
-    answers, spent_s = ask(task, name, function, *arguments)
+    answers, _ = ask(task, name, function, *arguments)  # a generator, which has not started
     answer: Any = ()
     while answer is not None:
         answer, cpu_s = ask(task, name, partial(next, answers, None))
-        yield answer, spent_s + cpu_s
-        spent_s = 0.0
+        yield answer, cpu_s
 
 
 def _place(error: Exception, task: str, name: str) -> str:
@@ -93,10 +92,8 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
     """
     estimate, start = FlowEstimate(answer), ""
     if nothing.ndim == 1:
-        kind = "a tasks.flow.FlowEstimate"
-        _check(isinstance(answer, FlowEstimate), task, name, _named(answer), kind)
+        _check_estimate(task, name, answer, FlowEstimate)
         estimate, start = answer, "a FlowEstimate whose flow is "
-    _check_failure(task, name, estimate.failure)
     flow = _numbers(task, name, estimate.flow, nothing.shape, start)
     flow = flow.astype(np.float64, copy=False)  # squares overflow far earlier in single precision
     if not np.all(np.abs(flow) < _INFINITE):
@@ -107,9 +104,7 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:
     """Check the answer of a tracking method."""
     of_method = "tracking", name
-    kind = "a tasks.tracking.TrackingEstimate"
-    _check(isinstance(answer, TrackingEstimate), *of_method, _named(answer), kind)
-    _check_failure(*of_method, answer.failure)
+    _check_estimate(*of_method, answer, TrackingEstimate)
     path, least_s = answer.path, sample.initial.duration_s
     text = f"a TrackingEstimate whose path is {_named(path)}"
     _check(isinstance(path, Trajectory), *of_method, text, "an eres_render.Trajectory")
@@ -142,9 +137,11 @@ def image_answer(
     return image, ""
 
 
-def _check_failure(task: str, name: str, failure: Any) -> None:
-    text = f"{_named(failure)} as failure"
-    _check(isinstance(failure, str), task, name, text, 'a str: the reason, or "" for none')
+def _check_estimate(task: str, name: str, answer: Any, kind: type) -> None:
+    expected = f"a {kind.__module__}.{kind.__name__}"
+    _check(isinstance(answer, kind), task, name, _named(answer), expected)
+    text = f"{_named(answer.failure)} as failure"
+    _check(isinstance(answer.failure, str), task, name, text, 'a str: the reason, or "" for none')
 
 
 def _check(holds: bool, task: str, name: str, answer: str, expected: str) -> None:

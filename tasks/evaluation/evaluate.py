@@ -32,6 +32,7 @@ from tasks.row import Row
 
 Watch = Callable[[Setting, Events], None]
 _Names = dict[Setting, list[str]]  # of sensors that differ in nothing else
+_Tasks = Mapping[str, TaskSettings]
 
 FRAMES_AHEAD = 12  # as many as sensors take at once, so that neither side waits for the other
 
@@ -49,7 +50,7 @@ def evaluate(
     sequence: RadianceSequence,
     truth: GroundTruth,
     settings: Sequence[Setting],
-    tasks: Mapping[str, TaskSettings],
+    tasks: _Tasks,
     on_progress: Progress,
     watch: Watch | None = None,
 ) -> Evaluation:
@@ -95,8 +96,7 @@ def evaluate(
             sensors += here
     assert reference is not None, "there is at least one sensor"
     rows = [row for sensor in sensors for row in sensor.rows]
-    timings = _timings(sequence, len(parts), stopwatch.seconds, sensors)
-    return Evaluation(rows, timings, reference)
+    return Evaluation(rows, _timings(sequence, len(parts), stopwatch.seconds, sensors), reference)
 
 
 def _timings(
@@ -135,11 +135,7 @@ class _Sensor:
     """One sensor, under one name or several, with its bus and the scorers of tasks with methods."""
 
     def __init__(
-        self,
-        source: RenderedClip,
-        names: list[str],
-        tasks: Mapping[str, TaskSettings],
-        watch: Watch | None,
+        self, source: RenderedClip, names: list[str], tasks: _Tasks, watch: Watch | None
     ) -> None:
         self.setting, self._source, self._names, self._watch = source.setting, source, names, watch
         self._sender = None if self.setting.readout is None else Sender(self.setting.readout)
@@ -211,8 +207,8 @@ def _collect(
         """Show a frame to the programs that see it."""
         light = cache(partial(seen, frame))  # for all that see the same
         tasks = [(one, light(*one.optics), on) for one, on in programs.items() if one.sees[k]]
-        for _ in workers.map(lambda task: _push(task[0].push(k, task[1]), task[2]), tasks):
-            pass  # raises an error of its sensor
+        # As a list, so that an error of a sensor is raised.
+        list(workers.map(lambda task: _push(task[0].push(k, task[1]), task[2]), tasks))
 
     def frames(ahead: Iterator[NDArray[np.float32]]) -> Iterator[NDArray[np.float32]]:
         for k in range(len(sequence)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
 
-_MAX_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
+_MAX_PICTURES = 16  # for other sensors, which ask for one after another; 13 MB each at 1280 px
 
 _T = TypeVar("_T")
 
@@ -60,15 +61,14 @@ def central_part(
     rows, columns = crop_to_aspect(whole.height, whole.width, height, width)
     size = columns.stop - columns.start, rows.stop - rows.start
     camera = whole.cropped(columns.start, rows.start, *size)
-    manifest = replace(
+    values = {f.name: getattr(sequence, f.name) for f in fields(RadianceSequence)}
+    values["manifest"] = replace(
         sequence.manifest,
         width=camera.width,
         height=camera.height,
         fov_rad=camera.fov_rad,
         intrinsics=(camera.fx, camera.fy, camera.cx, camera.cy),
     )
-    values = {f.name: getattr(sequence, f.name) for f in fields(RadianceSequence)}
-    values["manifest"] = manifest
     part = _CentralPart(**values, whole=sequence, rows=rows, columns=columns)
     return part, truth.of_camera(camera)
 
@@ -91,7 +91,7 @@ class ReferenceFrames:
         self.truth = truth
         self._computed: dict[tuple[object, ...], Any] = {}
         self._computing = threading.RLock()
-        self._pictures: dict[tuple[float, float, str], NDArray[np.float64]] = {}
+        self._picture = lru_cache(maxsize=_MAX_PICTURES)(partial(_picture, sequence))
         self._picturing = threading.Lock()
 
     def _frame(self, end: int) -> NDArray[np.float32]:
@@ -101,8 +101,7 @@ class ReferenceFrames:
 
     def log_frame(self, end: int, model: SensorModel) -> NDArray[np.float64]:
         """(H, W) log intensity at the window's start, 0, or end, 1, with a sensor's dark level."""
-        key = "log", end, model.dark_level
-        return self._once(key, lambda: _log(self._frame(end), model))
+        return self._once(("log", end, model.dark_level), lambda: _log(self._frame(end), model))
 
     def log_white(self, model: SensorModel) -> float:
         """Log intensity of white at the window's end, with the dark level of a sensor."""
@@ -129,13 +128,10 @@ class ReferenceFrames:
 
     def features(self, count: int, seed: int) -> Features:
         """Return features at the window's start, in pixels of the frames."""
-        manifest = self.sequence.manifest
-        key = manifest.scene, manifest.clip
+        key = self.sequence.manifest.scene, self.sequence.manifest.clip
+        inputs = self._frame(0), self.truth, self.sequence.window_s, key
         return self._once(
-            ("features", count, seed),
-            lambda: find_features(
-                self._frame(0), self.truth, self.sequence.window_s, key, count=count, seed=seed
-            ),
+            ("features", count, seed), lambda: find_features(*inputs, count=count, seed=seed)
         )
 
     def picture(self, model: SensorModel, t_s: float, equalization: str) -> NDArray[np.float64]:
@@ -150,23 +146,23 @@ class ReferenceFrames:
         -------
         (H, W) in [0, 1], at the frames' resolution.
         """
-        key = model.dark_level or 0.0, t_s, equalization
         with self._picturing:  # sensors are scored by several threads
-            if key not in self._pictures:
-                log_image = log_light(self.sequence, t_s, key[0])
-                if len(self._pictures) >= _MAX_PICTURES:  # they ask for one time after another
-                    del self._pictures[next(iter(self._pictures))]
-                self._pictures[key] = picture(log_image, log_image.shape, equalization)
-            return self._pictures[key]
+            return self._picture(model.dark_level or 0.0, t_s, equalization)
 
     def _once(self, key: tuple[object, ...], compute: Callable[[], _T]) -> _T:
         """Return what one thread computes while the others wait."""
         with self._computing:
             if key not in self._computed:
                 self._computed[key] = compute()
-            value: _T = self._computed[key]
-            return value
+            return self._computed[key]
 
 
 def _log(radiance: NDArray[np.floating], model: SensorModel) -> NDArray[np.float64]:
     return np.log(radiance.astype(np.float64) + (model.dark_level or 0.0))
+
+
+def _picture(
+    sequence: RadianceSequence, dark_level: float, t_s: float, equalization: str
+) -> NDArray[np.float64]:
+    log_image = log_light(sequence, t_s, dark_level)
+    return picture(log_image, log_image.shape, equalization)

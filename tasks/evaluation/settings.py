@@ -374,8 +374,7 @@ def settings_of(
 ) -> TaskSettings:
     """Return the usual settings of a task, with methods and their weights."""
     options = {"weights": dict(weights)} if weights else {}
-    settings: TaskSettings = load(TASKS[task].settings)(methods=methods, **options)
-    return settings
+    return load(TASKS[task].settings)(methods=methods, **options)
 
 
 class Evaluate(Mapping[str, TaskSettings]):

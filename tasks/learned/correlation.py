@@ -100,8 +100,7 @@ class Correlation:
             for image in range(len(old)):
                 for level, new in enumerate(levels):
                     around = out[image, ..., _PLACES * level : _PLACES * (level + 1)]
-                    scale = np.float32(0.5**level)
-                    inputs = old[image], new[image], scale, places[image]
+                    inputs = old[image], new[image], np.float32(0.5**level), places[image]
                     _look_up_rows(rows[k], rows[k + 1], *inputs, products, around)
             return time.thread_time() - started_s
 

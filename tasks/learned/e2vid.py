@@ -27,15 +27,28 @@ KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
 class E2vidNetwork:
-    """E2VID with its weights."""
+    """E2VID with its weights.
+
+    Parameters
+    ----------
+    sums
+        Number of input channels, the last ones, that are not bins of a voxel grid.
+    """
 
     normalized = True
     _padding = "reflect"
 
-    def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
+    def __init__(self, network: E2VIDRecurrent, name: str = "e2vid", sums: int = 0) -> None:
+        options, base = network.options, network.options.base_num_channels
         self._network, self._name = network.eval(), name
-        self.bins = network.options.num_bins
-        self._multiple = 2**network.options.num_encoders
+        self.bins = options.num_bins - sums
+        self._multiple = 2**options.num_encoders
+        is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
+        per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
+        self._bytes_per_px = per_channel * base
+        parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
+        coarser = 1 - 2.0**-options.num_encoders  # the sum over levels i of 2^i channels, 4^-i px
+        self._kept_bytes_per_px = 4 * parts * base * coarser + KEPT_BYTES_PER_PX
 
     def check_size(self, width: int, height: int) -> None:
         """Check that the network can run on a sensor.
@@ -45,11 +58,7 @@ class E2vidNetwork:
         width, height
             Size of the sensor, px.
         """
-        options = self._network.options
-        is_enlarged = options.use_upsample_conv or options.skip_type == "concat"
-        per_channel = _BYTES_OF_ENLARGED if is_enlarged else _BYTES_PER_PX_AND_CHANNEL
-        needed = per_channel * options.base_num_channels * width * height
-        cpu.check_memory(self._name, width, height, needed)
+        cpu.check_memory(self._name, width, height, self._bytes_per_px * width * height)
 
     def kept_bytes(self, width: int, height: int) -> int:
         """Return what a sensor keeps between windows; the events of a window come on top.
@@ -59,11 +68,7 @@ class E2vidNetwork:
         width, height
             Size of the sensor, px.
         """
-        options = self._network.options
-        parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
-        coarser = 1 - 2.0**-options.num_encoders  # the sum over levels i of 2^i channels, 4^-i px
-        per_px = 4 * parts * options.base_num_channels * coarser + KEPT_BYTES_PER_PX
-        return round(per_px * width * height)
+        return round(self._kept_bytes_per_px * width * height)
 
     def image(
         self, grid: NDArray[np.float32], states: Sequence[State] | None = None
@@ -122,8 +127,15 @@ def load(file: Path) -> E2vidNetwork:
         raise WeightsError(f"{file}: found {held(content)}, expected arch and state_dict of E2VID")
     if content.get("arch", ARCHITECTURE) != ARCHITECTURE:
         raise WeightsError(f"{file}: arch: found {content['arch']!r}, expected {ARCHITECTURE!r}")
-    state = tensors_of(content["state_dict"], file)
-    return E2vidNetwork(with_weights(partial(E2VIDRecurrent, options_of(state, file)), state, file))
+    return e2vid_of(tensors_of(content["state_dict"], file), file)
+
+
+def e2vid_of(
+    state: Mapping[str, Tensor], file: Path, name: str = "e2vid", sums: int = 0
+) -> E2vidNetwork:
+    """Return a network with weights, whose shapes tell its options."""
+    network = with_weights(partial(E2VIDRecurrent, options_of(state, file)), state, file)
+    return E2vidNetwork(network, name, sums)
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:

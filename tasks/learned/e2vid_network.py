@@ -77,8 +77,7 @@ class E2VIDRecurrent(nn.Module):
         -------
         (N, 1, H, W) in (0, 1), and the state of each encoder.
         """
-        image, new = self.unetrecurrent(grid, states or [()] * self.options.num_encoders)
-        return image, new
+        return self.unetrecurrent(grid, states or [()] * self.options.num_encoders)
 
 
 class FireNet(nn.Module):
@@ -222,8 +221,7 @@ class _Encoder(nn.Module):
         self.recurrent_block = _ConvLSTM(out) if recurrent == "convlstm" else _ConvGRU(out)
 
     def forward(self, x: Tensor, state: State) -> State:
-        new: State = self.recurrent_block(functional.relu_(self.conv(x)), state)
-        return new
+        return self.recurrent_block(functional.relu_(self.conv(x)), state)
 
 
 class _ConvLSTM(nn.Module):

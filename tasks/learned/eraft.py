@@ -71,13 +71,9 @@ class ERaft:
         -------
         (2, height, width) px, x first.
         """
-        return cpu.run(self._flow, old, new, iterations)
-
-    def _flow(self, old: Float32, new: Float32, iterations: int) -> Float32:
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
-        (full,) = self._network(*grids, iterations)
-        flow: Float32 = full[0].numpy()
-        return flow
+        (full,) = cpu.run(self._network, *grids, iterations)
+        return full[0].numpy()
 
 
 def load(file: Path) -> ERaft:
@@ -97,5 +93,4 @@ def eraft_of(state: Mapping[str, Tensor], file: Path, name: str = "eraft") -> ER
     if len(shape) != 4:
         raise WeightsError(f"{file}: {_FIRST}: found shape {shape}, expected four axes")
     narrower = _CHANNELS // max(4, shape[0]) or 1  # 1 to 16; all shapes are compared next
-    network = with_weights(partial(ERAFT, shape[1], narrower), state, file)
-    return ERaft(network, shape[1], name)
+    return ERaft(with_weights(partial(ERAFT, shape[1], narrower), state, file), shape[1], name)

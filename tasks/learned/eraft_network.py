@@ -100,8 +100,7 @@ def enlarged(flow: Tensor, weights: Tensor) -> Tensor:
     """
     count, _, height, width = flow.shape
     share = weights.view(count, 1, 9, CELL_PX, CELL_PX, height, width).softmax(dim=2)
-    around = functional.unfold(CELL_PX * flow, 3, padding=1)
-    around = around.view(count, 2, 9, 1, 1, height, width)
+    around = functional.unfold(CELL_PX * flow, 3, padding=1).view(count, 2, 9, 1, 1, height, width)
     fine = (share * around).sum(dim=2)  # (N, 2, row in cell, column in cell, h, w)
     return fine.permute(0, 1, 4, 2, 5, 3).reshape(count, 2, CELL_PX * height, CELL_PX * width)
 
@@ -121,8 +120,7 @@ class _Encoder(nn.Module):
 
     def forward(self, grid: Tensor) -> Tensor:
         x = functional.relu(self.norm1(self.conv1(grid)))
-        features: Tensor = self.conv2(self.layer3(self.layer2(self.layer1(x))))
-        return features
+        return self.conv2(self.layer3(self.layer2(self.layer1(x))))
 
 
 def _layer(channels: int, out: int, stride: int, norm: str) -> nn.Sequential:

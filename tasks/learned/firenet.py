@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 
 from tasks.errors import WeightsError
-from tasks.learned import cpu
 from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, with_weights
 from tasks.learned.e2vid import KEPT_BYTES_PER_PX, E2vidNetwork
 from tasks.learned.e2vid_network import FireNet
@@ -27,28 +26,19 @@ _STARTS = {
 }
 # The published file of FireNet+ holds the configuration of its training as such objects.
 _LEFT_OUT = "parse_config.ConfigParser", "pathlib.PosixPath"
-# At the peak. Measured in float32 at 1280 px: 740, of which PyTorch itself is a part.
-_BYTES_PER_PX = 750
 
 
 class FireNetNetwork(E2vidNetwork):
     """FireNet or FireNet+ with its weights."""
 
     _padding = "constant"
+    _bytes_per_px = 750  # at the peak; measured in float32 at 1280 px: 740, part of it PyTorch
+    _kept_bytes_per_px = 4 * FireNet.memories * FireNet.channels + KEPT_BYTES_PER_PX
 
     def __init__(self, network: FireNet, name: str) -> None:
         self._network, self._name, self.bins = network.eval(), name, network.bins
         self.normalized = name == "firenet"
         self._multiple = 16 if self.normalized else 1
-
-    def check_size(self, width: int, height: int) -> None:
-        """Check that the network can run on a sensor; sizes in px."""
-        cpu.check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
-
-    def kept_bytes(self, width: int, height: int) -> int:
-        """As `E2vidNetwork.kept_bytes`."""
-        per_px = 4 * FireNet.memories * FireNet.channels + KEPT_BYTES_PER_PX
-        return per_px * width * height
 
 
 def _load(file: Path, name: str) -> FireNetNetwork:

@@ -10,9 +10,8 @@ from pathlib import Path
 from torch import Tensor, nn
 
 from tasks.errors import WeightsError
-from tasks.learned import checkpoint
-from tasks.learned.e2vid import E2vidNetwork, options_of
-from tasks.learned.e2vid_network import E2VIDRecurrent
+from tasks.learned.checkpoint import held, read_checkpoint, tensors_of, write_checkpoint
+from tasks.learned.e2vid import E2vidNetwork, e2vid_of
 from tasks.learned.eraft import ERaft, eraft_of
 from tasks.methods.our_reconstruction import DECAYS
 
@@ -20,20 +19,8 @@ RECONSTRUCTION, FLOW = "eres reconstruction", "eres flow"
 """Names of the architectures in files."""
 
 
-class OurReconstructionNetwork(E2vidNetwork):
-    """Our network for reconstruction, with its weights; see `tasks.methods.our_reconstruction`."""
-
-    def __init__(self, network: E2VIDRecurrent) -> None:
-        super().__init__(network, "our reconstruction")
-        self.bins -= len(DECAYS)  # the other input channels are sums of events
-
-
 def save(
-    file: Path,
-    network: nn.Module,
-    architecture: str,
-    light: str,
-    origin: Mapping[str, str | int | float],
+    file: Path, network: nn.Module, architecture: str, light: str, origin: Mapping[str, int]
 ) -> None:
     """Write weights in half precision.
 
@@ -44,14 +31,12 @@ def save(
     """
     weights = dict(copy.deepcopy(network).half().cpu().state_dict())
     content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
-    checkpoint.write_checkpoint(file, content)
+    write_checkpoint(file, content)
 
 
-def _reconstruction(file: Path, light: str) -> OurReconstructionNetwork:
+def _reconstruction(file: Path, light: str) -> E2vidNetwork:
     state = _weights(file, RECONSTRUCTION, light)
-    make = partial(E2VIDRecurrent, options_of(state, file))
-    network = checkpoint.with_weights(make, state, file)
-    return OurReconstructionNetwork(network)
+    return e2vid_of(state, file, "our reconstruction", len(DECAYS))  # the last are sums of events
 
 
 def _flow(file: Path, light: str) -> ERaft:
@@ -67,14 +52,11 @@ flow_all_light = partial(_flow, light="all")
 
 
 def _weights(file: Path, architecture: str, light: str) -> dict[str, Tensor]:
-    content = checkpoint.read_checkpoint(file)
+    content = read_checkpoint(file)
     if not isinstance(content, Mapping) or "weights" not in content:
-        raise WeightsError(
-            f"{file}: found {checkpoint.held(content)}, expected arch, light and weights"
-        )
+        raise WeightsError(f"{file}: found {held(content)}, expected arch, light and weights")
     for name, expected in (("arch", architecture), ("light", light)):
-        if content.get(name) != expected:
-            raise WeightsError(
-                f"{file}: {name}: found {content.get(name)!r}, expected {expected!r}"
-            )
-    return checkpoint.tensors_of(content["weights"], file)
+        value = content.get(name)
+        if value != expected:
+            raise WeightsError(f"{file}: {name}: found {value!r}, expected {expected!r}")
+    return tensors_of(content["weights"], file)

@@ -191,8 +191,8 @@ def _files_of(own: str) -> list[Path]:
     for part in (module, inspect.unwrap(method) if callable(method) else module):
         with suppress(TypeError):  # has no source
             files[inspect.getsourcefile(part)] = None
-    paths = [Path(file) for file in files if file]
-    return [path for path in paths if path.is_file()]  # modules of Python itself may have none
+    # Modules of Python itself may have none.
+    return [Path(file) for file in files if file and Path(file).is_file()]
 
 
 def _digest_of_own(place: str) -> str:

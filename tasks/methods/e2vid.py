@@ -89,7 +89,6 @@ class E2vid:
         if events_per_px is not None:
             self._count = max(1, math.floor(events_per_px * width * height))
         self._parts: list[Events] = []  # of the window that has not ended
-        self._held = 0
         # Times of windows: the first begins at `_origin_us`, and `_ended` of them have ended.
         self._origin_us: float | None = None
         self._ended = 0
@@ -99,10 +98,10 @@ class E2vid:
     def push(self, events: Events) -> None:
         """Take in the next events, and run the network on each window that ends."""
         while len(events) and (before := self._before_end(events)) is not None:
-            self._keep(events[:before])
+            self._parts.append(events[:before])
             self._end_window()
             events = events[before:]
-        self._keep(events)
+        self._parts.append(events)
 
     def image(self, t_us: int) -> NDArray[np.float64]:
         """Return log intensity, (height, width), 0 before the first window has ended."""
@@ -127,22 +126,17 @@ class E2vid:
     def _before_end(self, events: Events) -> int | None:
         """Return how many of the events are in the current window, None if it does not end."""
         if self._count is not None:
-            missing = self._count - self._held
+            missing = self._count - sum(map(len, self._parts))
             return missing if missing <= len(events) else None
         if self._origin_us is None:
-            first_us = int(events.t_us[0])
-            self._origin_us = first_us // self._window_us * self._window_us
+            self._origin_us = int(events.t_us[0]) // self._window_us * self._window_us
         if events.t_us[-1] < self._end_us:
             return None
         return int(np.searchsorted(events.t_us, self._end_us))
 
-    def _keep(self, events: Events) -> None:
-        self._parts.append(events)
-        self._held += len(events)
-
     def _end_window(self) -> None:
         events = concatenate(self._parts)
-        self._parts, self._held = [events[:0].copy()], 0  # a slice would keep them all
+        self._parts = [events[:0].copy()]  # a slice would keep them all
         self._ended += 1
         intensity, self._states = self._network.image(self._grid(events), self._states)
         self._image = np.log(np.maximum(intensity.astype(np.float64), DARKEST))

@@ -26,7 +26,7 @@ from tasks.numerics.compiling import jit_in_place
 
 CUTOFF_HZ = 0.06
 PER_EVENT_DECAY = 0.06
-_AHEAD = 256  # events per group of pixels that are read ahead
+AHEAD = 256  # events per group of pixels that are read ahead
 
 
 class HighPassFilter:
@@ -65,7 +65,7 @@ class HighPassFilter:
         self._decay_per_us = 2e-6 * math.pi * cutoff_hz
         self._rates = contrast_threshold, self._decay_per_us, per_event_decay
         self._state = np.zeros((height, width, 2))  # L after the latest event, its time in us
-        self._places = np.empty(_AHEAD, np.uint64)
+        self._places = np.empty(AHEAD, np.uint64)
         self._t_us: int | None = None  # of the latest event
 
     def push(self, events: Events) -> None:
@@ -132,7 +132,7 @@ def _filter(
     width: int,
     events: Columns,
     rates: tuple[float, float, float],  # C in log units, decay per us, decay per event
-    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: index of each event's L in the state
+    places: NDArray[np.uint64],  # (AHEAD,) overwritten: index of each event's L in the state
 ) -> float:
     # Pixels are read ahead in groups, so that their independent loads overlap.
     t_us, x, y, p = events

@@ -18,13 +18,11 @@ from sensor import Events
 from sensor.events import Columns
 from sensor.representations import voxel_grid
 from tasks.methods.e2vid import E2vid
-from tasks.methods.high_pass_filter import PER_EVENT_DECAY
+from tasks.methods.high_pass_filter import AHEAD, PER_EVENT_DECAY
 from tasks.numerics.compiling import jit_in_place
 
 DECAYS = (0.004, 0.015, 0.25, PER_EVENT_DECAY)
 """Decays per event of the sums; the last is that of the high-pass filter."""
-
-_AHEAD = 256  # events per group of pixels that are read ahead
 
 
 class InputGrids:
@@ -42,7 +40,7 @@ class InputGrids:
         self._C, self._bins = contrast_threshold, bins
         self._sums = np.zeros((height, width, len(DECAYS)))
         self._left = tuple(math.exp(-decay) for decay in DECAYS)
-        self._places = np.empty(_AHEAD, np.uint64)
+        self._places = np.empty(AHEAD, np.uint64)
 
     def push(self, events: Events) -> NDArray[np.float32]:
         """Return the input of the next window.
@@ -54,10 +52,8 @@ class InputGrids:
         """
         sums = self._sums.reshape(-1, len(DECAYS))
         _add(sums, events.width, events.columns, self._C, self._left, self._places)
-        grid = np.empty((self._bins + len(DECAYS), events.height, events.width), np.float32)
-        grid[: self._bins] = self._C * voxel_grid(events, self._bins, normalize=False)
-        grid[self._bins :] = np.moveaxis(self._sums, -1, 0)
-        return grid
+        grid = self._C * voxel_grid(events, self._bins, normalize=False)
+        return np.concatenate([grid, np.moveaxis(self._sums, -1, 0)], dtype=np.float32)
 
 
 class OurReconstruction(E2vid):
@@ -78,7 +74,7 @@ def _add(
     events: Columns,
     C: float,
     left: tuple[float, ...],  # of each sum after an event
-    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: index of each event's pixel
+    places: NDArray[np.uint64],  # (AHEAD,) overwritten: index of each event's pixel
 ) -> float:
     # Pixels are read ahead in groups, so that their independent loads overlap.
     t_us, x, y, p = events

@@ -92,8 +92,7 @@ def _estimate(
     unknowns, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
-    reach = REACH_SIGMAS * sample.initial_sigma_px
-    if np.abs(unknowns[:2] - sample.initial).max() > reach:
+    if np.abs(unknowns[:2] - sample.initial).max() > REACH_SIGMAS * sample.initial_sigma_px:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
     return FlowEstimate(unknowns[:2], delay=float(unknowns[3]))
 

@@ -25,22 +25,6 @@ COLUMNS = 52
 
 
 @jit_contract
-def exp(omega, R):
-    """Write the rotation of a rotation vector into R.
-
-    Parameters
-    ----------
-    omega
-        (3,) rotation vector.
-    R
-        (3, 3), written.
-    """
-    x, y, z = omega[0], omega[1], omega[2]
-    a, b, _ = _coefficients(x * x + y * y + z * z)
-    _polynomial(x, y, z, 1.0, a, b, R)
-
-
-@jit_contract
 def _coefficients(squared):
     """Return sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 for a^2, by series near 0."""
     if squared < 1e-4:

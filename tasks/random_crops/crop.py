@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -95,14 +94,11 @@ def random_crop(
     motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, crops.texels_per_px))
     times = _frame_times(motion, windows, crops.max_displacement_px)
 
-    def frames() -> Iterator[NDArray[np.float32]]:
-        for homography in motion.homographies(times):
-            yield view(texture, homography, crops.side_px)
-
+    frames = (view(texture, each, crops.side_px) for each in motion.homographies(times))
     camera = crops.camera.with_threshold(contrast_threshold)
     model = camera.model(cutoff_hz=cutoff_hz)
     window_s = 1e-3 * crops.window_ms
-    events = simulate(frames(), window_s * times, model, seed=index, threads=1)
+    events = simulate(frames, window_s * times, model, seed=index, threads=1)
     bounds_us = [round(1e6 * window_s * k) for k in range(windows + 1)]
     in_windows = tuple(events.between(*window) for window in pairwise(bounds_us))
     levels = contrast_threshold, cutoff_hz, camera.dark_share
@@ -115,8 +111,6 @@ def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> floa
 
 def _frame_times(motion: Motion, windows: int, max_displacement_px: float) -> NDArray[np.float64]:
     """Return times of frames, in windows: evenly spaced in each window, including both ends."""
-    times = [np.zeros(1)]
-    for k in range(windows):
-        count = math.ceil(motion.fastest_px(k) / max_displacement_px)
-        times.append(k + np.arange(1, count + 1) / count)
-    return np.concatenate(times)
+    counts = [math.ceil(motion.fastest_px(k) / max_displacement_px) for k in range(windows)]
+    times = [k + np.arange(1, count + 1) / count for k, count in enumerate(counts)]
+    return np.concatenate([np.zeros(1), *times])

@@ -90,8 +90,7 @@ class Motion:
         around_middle = np.moveaxis(np.array([first, second, [gx, gy, np.ones_like(t)]]), -1, 0)
         to_middle = np.eye(3)
         to_middle[:2, 2] = -(side_px or self._side_px) / 2
-        homographies: Float64 = around_middle @ to_middle
-        return homographies
+        return around_middle @ to_middle
 
     def flow(self, start: float, end: float) -> NDArray[np.float32]:
         """Return how far the points at the pixels' centers move.
@@ -112,8 +111,7 @@ class Motion:
 
     def fastest_px(self, window: int) -> float:
         """Return the largest speed of a corner of the image in a window, px per window."""
-        times = window + np.linspace(0, 1, _SAMPLES + 1)
-        maps = self.homographies(times)
+        maps = self.homographies(window + np.linspace(0, 1, _SAMPLES + 1))
         ends = [0.0, float(self._side_px)]
         corners = np.array([[x, y] for x in ends for y in ends]).T
         steps = np.linalg.solve(maps[1:], maps[:-1])
@@ -126,5 +124,4 @@ class Motion:
 def _moved(homography: Float64, points: Float64) -> Float64:
     """Apply a homography to points, (2, ...)."""
     x, y, w = np.tensordot(homography, np.stack([*points, np.ones_like(points[0])]), axes=1)
-    moved: Float64 = np.stack([x / w, y / w])
-    return moved
+    return np.stack([x / w, y / w])

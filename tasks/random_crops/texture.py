@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sensor.compiling import compiler
 
 Float32 = NDArray[np.float32]
-jit = compiler(Path(__file__).parent)
+jit = compiler()
 
 SIDE = 512  # texels, a power of two
 DARKEST, BRIGHTEST = 0.01, 1.0
@@ -35,14 +34,12 @@ def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
     (512, 512) linear radiance from 0.01 to 1.
     """
     kinds: list[Callable[[np.random.Generator], Float32]] = [_noise, _leaves, _patches, _motif]
-    chosen = rng.permutation(len(kinds))[: rng.integers(1, 4)]
     total = np.zeros((SIDE, SIDE), np.float32)
-    for kind in chosen:
+    for kind in rng.permutation(len(kinds))[: rng.integers(1, 4)]:
         total += np.float32(rng.uniform(0.3, 1.0)) * _unit(kinds[kind](rng))
-    total = _unit(total)
     grain = fractal(rng, rng.uniform(0.0, 1.2))
     share = math.exp(rng.uniform(*np.log(_GRAIN)))
-    total = _unit(total + np.float32(share) * grain)
+    total = _unit(_unit(total) + np.float32(share) * grain)
     bright = rng.uniform(-1.8, -0.9)  # mean of log intensity
     radiance = np.exp(np.float32(bright) + np.float32(log_contrast) * total)
     return np.clip(radiance, DARKEST, BRIGHTEST, dtype=np.float32)

@@ -400,7 +400,7 @@ def test_one_flow_of_a_sensor_is_one_estimate():
     points = true_points(features, task, range(3))
     source = SimpleNamespace(window=Window(0, 9), before_us=lambda: -9, points=lambda task: points)
     scorer = DenseFlowScorer(source, task)
-    scorer._before, scorer._during = [stream(0)], [stream(1)]
+    scorer._parts = [stream(0)], [stream(1)]
     setting = SimpleNamespace(model=SimpleNamespace(width=W, height=H), name="")
     timings = method_timings((setting, "dense_flow", score) for score in scorer.scores())
     events = len(stream(0)) + len(stream(1))

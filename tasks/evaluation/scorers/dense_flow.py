@@ -24,12 +24,11 @@ class DenseFlowScorer:
         start_us, end_us = source.window.start_us, source.window.end_us
         self._windows = (source.before_us(), start_us), (start_us, end_us)
         self._points = source.points(task)
-        self._before: list[Events] = []
-        self._during: list[Events] = []
+        self._parts: tuple[list[Events], list[Events]] = [], []
 
     def push(self, events: Events) -> None:
         """Keep the events of both windows."""
-        for window, parts in zip(self._windows, (self._before, self._during), strict=True):
+        for window, parts in zip(self._windows, self._parts, strict=True):
             inside = events.between(*window)
             if len(inside) or not parts:
                 parts.append(inside.copy())  # a slice would keep all events in memory
@@ -37,8 +36,8 @@ class DenseFlowScorer:
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method and point."""
         points = self._points
-        before, during = concatenate(self._before), concatenate(self._during)
-        self._before, self._during = [], []
+        before, during = map(concatenate, self._parts)
+        self._parts = [], []
         sample = DenseFlowSample(before, during, points.centers_px, points.initial_px)
         for name in self._task.methods:
             method = load_method("dense_flow", name, self._task.weights)

@@ -17,8 +17,6 @@ from tasks.methods import load_method
 from tasks.methods.contrast_maximization import determined, estimate, off_grid
 from tasks.registry import TASKS
 
-_BY_CONTRAST = "tasks.methods.contrast_maximization:"
-
 
 class FlowScorer:
     """Scores the flow at all points, for each kind of patch."""
@@ -41,7 +39,7 @@ class FlowScorer:
         specs = {name: TASKS["flow"].method(name) for name in methods}
         from_zero = source.search_from == "zero"
         for name, spec in specs.items():
-            if from_zero and spec.place.startswith(_BY_CONTRAST):
+            if from_zero and spec.place.startswith("tasks.methods.contrast_maximization:"):
                 methods[name] = partial(determined, methods[name])
         near = {name for name, spec in specs.items() if "guess" in spec.needs}
         log_image, events = source.log_image(), concatenate(self._parts)

@@ -33,8 +33,7 @@ class TrackingScorer:
         self._end_us = self._start_us + duration_us + task.max_delay_us
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
         self._path_seed, self._seed = source.seeds(task)
-        width, height = source.size
-        self._ranks = tracking.random_ranks(self._seed, height, width)
+        self._ranks = tracking.random_ranks(self._seed, *source.size[::-1])
         self._pixels = self._ranks.size  # of the lowest ranks; the sample has no others
         self._parts: list[Events] = []
 
@@ -76,8 +75,7 @@ class TrackingScorer:
             )
             initial_mm = self._error_mm(sample.initial)
             for name in task.methods:
-                method = load_method("tracking", name)
-                answer, cpu_s = ask("tracking", name, method, sample)
+                answer, cpu_s = ask("tracking", name, load_method("tracking", name), sample)
                 estimate = path_answer(name, sample, answer)
                 error_mm = self._error_mm(estimate.path)
                 yield Score(

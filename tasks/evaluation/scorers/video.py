@@ -26,14 +26,13 @@ class VideoScorer:
         self._source, self._task, self._images = source, task, source.images(task)
         others = {equalization_variant(name): name for name in task.other_equalizations or ()}
         self._equalizations = {"": task.equalization, **others}
-        width, height = source.size
+        arguments = *source.size, source.contrast_threshold
         self._takers = {}
         for name in task.methods:
             start = load_method("video", name, task.weights)
-            arguments = width, height, source.contrast_threshold
             method, _ = ask("video", name, start, *arguments, **self._options(name))
             self._takers[name] = ImageTaker(method, self._images.numbers)
-        self._blank = np.zeros((height, width))
+        self._blank = np.zeros(source.size[::-1])
         self._scores: list[Score] = []
         # Events and CPU time since each method's last image.
         self._events = dict.fromkeys(self._takers, 0)
@@ -46,29 +45,27 @@ class VideoScorer:
             return {"light": self._source.true_light(name)}
         if not method.network or self._images.step_us is None:
             return {}
+        options = {}
         window_us = even_window_us(self._images.step_us)
-        if not has_windows_of_e2vid(name):
-            return {"window_us": window_us / self._source.speed}
-        if self._task.e2vid_window_s is not None:
-            window_us = 1e6 * self._task.e2vid_window_s
-        return {
-            "window_us": window_us / self._source.speed,
-            "events_per_px": self._task.e2vid_events_per_px,
-        }
+        if has_windows_of_e2vid(name):
+            options["events_per_px"] = self._task.e2vid_events_per_px
+            if self._task.e2vid_window_s is not None:
+                window_us = 1e6 * self._task.e2vid_window_s
+        return {"window_us": window_us / self._source.speed, **options}
 
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due; keep no image, they are large."""
         for name, taker in self._takers.items():
             self._events[name] += len(events)
-            self._score(name, ask_each("video", name, taker.take, events))
+            self._scores += self._scored(name, ask_each("video", name, taker.take, events))
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each image and method."""
-        for name, taker in self._takers.items():
-            self._score(name, ask_each("video", name, taker.rest))
         yield from self._scores
+        for name, taker in self._takers.items():
+            yield from self._scored(name, ask_each("video", name, taker.rest))
 
-    def _score(self, name: str, asked: Iterator[tuple[Any, float]]) -> None:
+    def _scored(self, name: str, asked: Iterator[tuple[Any, float]]) -> Iterator[Score]:
         for taken, cpu_s in asked:
             self._cpu_s[name] += cpu_s
             if taken is None:
@@ -79,17 +76,15 @@ class VideoScorer:
             for variant, equalization in self._equalizations.items():
                 truth = self._images.truth(sample, equalization)
                 value = psnr_db(picture(log_image, truth.shape, equalization), truth)
-                self._scores.append(
-                    Score(
-                        name,
-                        value,
-                        variant,
-                        failure=failure,
-                        sample=sample,
-                        events=self._events[name],
-                        cpu_s=self._cpu_s[name],
-                        copied=variant != "",
-                        t_us=t_us,
-                    )
+                yield Score(
+                    name,
+                    value,
+                    variant,
+                    failure=failure,
+                    sample=sample,
+                    events=self._events[name],
+                    cpu_s=self._cpu_s[name],
+                    copied=variant != "",
+                    t_us=t_us,
                 )
             self._events[name], self._cpu_s[name] = 0, 0.0

@@ -18,7 +18,6 @@ from tasks.random_crops.crop import Crop
 # Memory per pixel, pair of windows and channel of the first layer: in all, and for each update.
 _BYTES_PER_PX_AND_CHANNEL = 180  # 95 were measured
 _BYTES_PER_UPDATE = 20  # 14 were measured
-_CHANNELS = 64  # of the first layer as published
 
 
 class Flow(Problem):
@@ -76,7 +75,7 @@ class Flow(Problem):
         """As `Problem.step_bytes`."""
         settings = self.settings
         pairs = settings.schedule.crops_per_step * (settings.windows - 1)
-        channels = _CHANNELS // settings.narrower
+        channels = self.network.fnet.conv1.out_channels
         per_channel = _BYTES_PER_PX_AND_CHANNEL + _BYTES_PER_UPDATE * settings.updates
         return per_channel * channels * pairs * settings.crops.side_px**2
 

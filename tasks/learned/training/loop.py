@@ -37,7 +37,7 @@ from tasks.learned.training.reconstruction import Reconstruction
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 from tasks.random_crops.settings import CropLight
 
-Scores = dict[str, list[float]]
+Scores = dict[str, tuple[float, ...]]
 
 _logger = logging.getLogger(__name__)
 
@@ -134,8 +134,7 @@ class Training:
         problem.hold_out()
         saved_s = started_s = time.monotonic()
         before_s = self._seconds
-        steps = range(self.step, schedule.steps)
-        with closing(read_ahead(problem.batch, steps)) as batches:
+        with closing(read_ahead(problem.batch, range(self.step, schedule.steps))) as batches:
             for batch in batches:
                 self._losses.append(self.learn(batch))
                 self.step += 1
@@ -150,15 +149,10 @@ class Training:
                 on_progress(self._in_words(), self.step, schedule.steps)
         self._network.half().float()  # as the weights are stored
         scores = self._validate(folder)
-        content = {
-            "score": problem.score,
-            "baselines": problem.baselines,
-            "scores": scores,
-            "seconds": self._seconds,
-            "steps": self.step,
-            "device": self.device,
-        }
-        write_text(folder / files.SCORES_FILE, json.dumps(content, indent=2) + "\n")
+        described = problem.score, problem.baselines, scores
+        final = files.FinalScores(*described, self._seconds, self.step, self.device)
+        content = json.dumps(dataclasses.asdict(final), indent=2)
+        write_text(folder / files.SCORES_FILE, content + "\n")
         origin = {"seed": problem.seed, "steps": self.step}
         weights = folder / files.WEIGHTS_FILE
         save(weights, self._network, problem.architecture, problem.light, origin)
@@ -287,7 +281,7 @@ def start(
     if weights.exists() and not dry_run:
         with files.opened(folder, described, made_with):
             read_checkpoint(weights)  # it may be damaged
-            return problem, {k: list(v) for k, v in files.read_scores(folder).scores.items()}
+            return problem, files.read_scores(folder).scores
     training = Training(problem, device)  # before the folder keeps settings that cannot be trained
     _logger.info("%s", training.estimate())
     if dry_run:

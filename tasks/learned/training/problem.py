@@ -21,7 +21,7 @@ Arrays = tuple[NDArray[np.float32], ...]
 LIGHTS = {"ideal": math.inf, "200 Hz": 200.0, "50 Hz": 50.0}
 """Cutoffs of the validation crops, Hz, by name."""
 
-_HELD_OUT_SEED = 0
+
 _BYTES_PER_SCORED_PX = 750  # at most that much was measured, by reconstruction in float32
 
 
@@ -95,11 +95,9 @@ class Problem(ABC):
         """Return the samples of a step; they depend only on settings, light, seed and step."""
         crops, run_in = self.settings.crops, self.run_in(step)
         count, windows = self.settings.schedule.crops_per_step, run_in + self.settings.windows
-        samples = []
-        for index in range(step * count, (step + 1) * count):
-            crop = random_crop(crops, windows, self.seed, index, light=self.light)
-            samples.append(self.sample(crop, run_in))
-        return _joined(samples)
+        indices = range(step * count, (step + 1) * count)
+        drawn = (random_crop(crops, windows, self.seed, k, light=self.light) for k in indices)
+        return _joined([self.sample(crop, run_in) for crop in drawn])
 
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
@@ -108,14 +106,12 @@ class Problem(ABC):
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
             for index in range(self.settings.schedule.validation_crops):
-                crop = random_crop(
-                    crops, windows, _HELD_OUT_SEED, index, light=cutoff_hz, held_out=True
-                )
+                crop = random_crop(crops, windows, 0, index, light=cutoff_hz, held_out=True)
                 samples.append(self.sample(crop, run_in))
                 scores.append(self.baseline_scores(crop, samples[-1]))
             self._held_out[name] = _joined(samples), np.mean(scores, axis=0).tolist()
 
-    def scores(self, device: str) -> dict[str, list[float]]:
+    def scores(self, device: str) -> dict[str, tuple[float, ...]]:
         """Return mean scores on the held-out crops.
 
         Parameters
@@ -126,7 +122,7 @@ class Problem(ABC):
         self.network.eval()
         with torch.inference_mode():
             scores = {
-                name: [self.network_score([tensor.to(device) for tensor in batch]), *baselines]
+                name: (self.network_score([tensor.to(device) for tensor in batch]), *baselines)
                 for name, (batch, baselines) in self._held_out.items()
             }
         self.network.train()

@@ -64,9 +64,8 @@ class Reconstruction(Problem):
 
     def held_out(self) -> tuple[Crops, int]:
         """As `Problem.held_out`: as large as the area of the ranks, a tile at 1280 px."""
-        settings = self.settings
-        crops = replace(settings.crops, side_px=settings.ranked_px)
-        return crops, settings.run_in_windows // 2
+        crops = replace(self.settings.crops, side_px=self.settings.ranked_px)
+        return crops, self.settings.run_in_windows // 2
 
     def run_in(self, step: int) -> int:
         """As `Problem.run_in`."""
@@ -87,10 +86,8 @@ class Reconstruction(Problem):
         grids = [inputs.push(events) for events in crop.events]
         first = (ranked_px - side_px) // 2
         inside = slice(first, first + side_px)
-        pictures = []
-        for k in range(run_in + 1, len(crop.events) + 1):
-            image = crop.log_image(k, ranked_px)
-            pictures.append(picture(image, image.shape, _EQUALIZATION)[inside, inside])
+        logs = (crop.log_image(k, ranked_px) for k in range(run_in + 1, len(grids) + 1))
+        pictures = [picture(log, log.shape, _EQUALIZATION)[inside, inside] for log in logs]
         return np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
@@ -122,19 +119,17 @@ class Reconstruction(Problem):
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
         """As `Problem.baseline_scores`."""
         _, pictures = sample
-        later = range(len(pictures) // 2, len(pictures))
-        skipped = len(crop.events) - len(pictures)
         size = crop.events[0].width, crop.events[0].height, crop.contrast_threshold
         methods: list[VideoMethod] = [HighPassFilter(*size), BlankVideo(*size)]
+        windows = list(zip(crop.events, crop.ends_us, strict=True))
         means = []
         for method in methods:
-            for events in crop.events[: skipped + later.start]:
-                method.push(events)
             scores = []
-            for k in later:
-                method.push(crop.events[skipped + k])
-                image = method.image(crop.ends_us[skipped + k])
-                scores.append(_psnr_db(image, pictures[k].astype(np.float64)))
+            for k, (events, end_us) in enumerate(windows, start=len(pictures) - len(windows)):
+                method.push(events)
+                if k >= len(pictures) // 2:
+                    truth = pictures[k].astype(np.float64)
+                    scores.append(_psnr_db(method.image(end_us), truth))
             means.append(float(np.mean(scores)))
         return means
 
@@ -148,8 +143,7 @@ class Reconstruction(Problem):
     @property
     def values_per_px(self) -> int:
         """As `Problem.values_per_px`."""
-        settings = self.settings
-        return settings.windows * (settings.bins + len(DECAYS) + 1)
+        return self.settings.windows * (self.settings.bins + len(DECAYS) + 1)
 
 
 def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
@@ -165,16 +159,14 @@ def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
     (B * tiles^2, S / tiles, S / tiles), row by row. A tile without contrast is gray.
     """
     side = images.shape[1] // tiles
-    rows = images.unfold(1, side, side).unfold(2, side, side)
-    parts = rows.reshape(-1, side, side)
+    parts = images.unfold(1, side, side).unfold(2, side, side).reshape(-1, side, side)
     centered = parts - parts.mean(dim=(1, 2), keepdim=True)
     variance = torch.square(centered).mean(dim=(1, 2), keepdim=True)
     return 0.5 + centered / torch.sqrt(12 * (variance + _FLAT))
 
 
 def _log_error(images: Tensor, truths: Tensor) -> Tensor:
-    square = torch.square(images - truths).mean(dim=(1, 2))
-    return torch.log(square + _ERROR_FLOOR).mean()
+    return torch.log(torch.square(images - truths).mean(dim=(1, 2)) + _ERROR_FLOOR).mean()
 
 
 def _start_as_the_filter(network: E2VIDRecurrent) -> None:
@@ -187,12 +179,10 @@ def _start_as_the_filter(network: E2VIDRecurrent) -> None:
     middle = unet.head.conv2d.kernel_size[0] // 2
     with torch.no_grad():
         for encoder in unet.encoders:
-            keep = encoder.recurrent_block.Gates.bias.chunk(4)[1]
-            keep.fill_(_KEEP)
-        for channel, sign in enumerate((1.0, -1.0)):
-            unet.head.conv2d.weight[channel] = 0.0
-            unet.head.conv2d.bias[channel] = 0.0
-            unet.head.conv2d.weight[channel, -1, middle, middle] = sign
+            encoder.recurrent_block.Gates.bias.chunk(4)[1].fill_(_KEEP)  # the keep gates
+        unet.head.conv2d.weight[:2] = 0.0
+        unet.head.conv2d.bias[:2] = 0.0
+        unet.head.conv2d.weight[:2, -1, middle, middle] = torch.tensor([1.0, -1.0])
         unet.pred.conv2d.weight *= _OTHERS
         unet.pred.conv2d.weight[0, :2, 0, 0] = torch.tensor([_GAIN, -_GAIN])
 

@@ -22,7 +22,7 @@ CHECKPOINT_FILE, WEIGHTS_FILE = "checkpoint.pt", "weights.pt"
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FinalScores:
     """The content of scores.json.
 
@@ -80,7 +80,8 @@ def opened(
     try:
         with locked(folder / ".lock", wait=False):
             clear_unfinished(folder)
-            is_finished = (folder / WEIGHTS_FILE).exists()
+            written = [name for name in (WEIGHTS_FILE, CHECKPOINT_FILE) if (folder / name).exists()]
+            is_finished = WEIGHTS_FILE in written
             if file.exists():
                 stored = read_description(folder)
                 given = json.loads(json.dumps(settings))
@@ -89,13 +90,12 @@ def opened(
                         f"{file}: {name}: found {value!r}, expected {expected!r}; choose another "
                         "folder"
                     )
-                if (folder / CHECKPOINT_FILE).exists() and not is_finished:
+                if written == [CHECKPOINT_FILE]:
                     made_with = _continued(folder, stored.made_with, made_with)
-            elif is_finished or (folder / CHECKPOINT_FILE).exists():
-                untold = WEIGHTS_FILE if is_finished else CHECKPOINT_FILE
+            elif written:
                 raise TrainingError(
-                    f"{file}: is missing, so the settings of {untold} are unknown; choose another "
-                    "folder"
+                    f"{file}: is missing, so the settings of {written[0]} are unknown; choose "
+                    "another folder"
                 )
             if not is_finished:
                 description = {"settings": settings, "made_with": dict(made_with)}

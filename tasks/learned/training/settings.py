@@ -28,8 +28,7 @@ def _check_numbers(settings: object, **least: int) -> None:
 
 def _check(settings: object, name: str, holds: bool, expected: str) -> None:
     if not holds:
-        value = attrgetter(name)(settings)
-        raise TrainingError(f"{name}: found {value:g}, expected {expected}")
+        raise TrainingError(f"{name}: found {attrgetter(name)(settings):g}, expected {expected}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,11 +110,11 @@ class ReconstructionTraining:
         most_px = min(2 * side_px, MAX_SIDE_PX)  # tilted beyond 2, the plane has a horizon
         at_once = f"a divisor of {windows}, the number of windows"
         area = f"at least crops.side_px, {side_px}, and at most {most_px}"
-        tiles = f"a divisor of crops.side_px, {side_px}"
+
         _check(self, "windows_at_once", windows % self.windows_at_once == 0, at_once)
         _check(self, "crops.side_px", side_px % multiple == 0, halved)
         _check(self, "ranked_px", ranked_px % multiple == 0, halved)
-        _check(self, "tiles", side_px % self.tiles == 0, tiles)
+        _check(self, "tiles", side_px % self.tiles == 0, f"a divisor of crops.side_px, {side_px}")
         _check(self, "ranked_px", side_px <= ranked_px <= most_px, area)
 
 
@@ -186,5 +185,4 @@ def find_training(known: dict[str, T], name: str) -> T:
         raise TrainingError(
             f"config: found {name!r}, expected a name or a .toml file; {suggestion(name, known)}"
         )
-    kind: type[T] = type(next(iter(known.values())))
-    return read_toml(kind, Path(name), TrainingError)
+    return read_toml(type(known["small"]), Path(name), TrainingError)

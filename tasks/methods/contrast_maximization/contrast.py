@@ -131,8 +131,7 @@ def off_grid(sample: FlowSample) -> FlowSample:
     -------
     The sample with two events for each, on opposite sides of the center of its pixel.
     """
-    count = len(sample.t)
-    aside_px = (np.arange(1, count + 1)[:, None] * _EVEN) % 1 - 0.5
+    aside_px = (np.arange(1, len(sample.t) + 1)[:, None] * _EVEN) % 1 - 0.5
     x_px, y_px = np.stack([aside_px, -aside_px], axis=1).reshape(-1, 2).T
     twice: dict[str, Any] = {name: np.repeat(getattr(sample, name), 2) for name in EVENT_COLUMNS}
     twice["x_px"] += x_px

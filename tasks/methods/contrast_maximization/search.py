@@ -50,11 +50,8 @@ def find_sharpest(patch, work, initial, reach, simplex):
             other_x, other_y = _across(simplex, factor)
             other = _loss(patch, work, initial, reach, other_x, other_y)
             images += 1
-            if factor == 2.0:
-                better = other < loss
-            else:
-                better = other <= loss if factor == 0.5 else other < worst
-                shrinks = not better
+            better = other <= loss if factor == 0.5 else other < min(loss, worst)
+            shrinks = not better and factor != 2.0
             if better:
                 x, y, loss = other_x, other_y, other
         if not shrinks:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +32,7 @@ class Loss(NamedTuple):
     bound: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RobustSum:
+class RobustSum(NamedTuple):
     """The robust cost of a path with its derivatives.
 
     Parameters

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,8 +50,7 @@ class Geometry(NamedTuple):
     plane: Float64  # (4,) n and offset, with n . X = offset
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Problem:
+class Problem(NamedTuple):
     """Events of a sample within the path's duration, and other constants of a search."""
 
     events: PixelEvents
@@ -86,7 +84,7 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
             sample.T_0[:3, 3].copy(),
             np.array([*sample.plane.normal, sample.plane.offset_m]),
         ),
-        seen_us=_seen_us(events.t_us, duration_us),
+        seen_us=np.bincount(events.t_us, minlength=duration_us) > 0,
         residuals=residuals,
         contrast_threshold=sample.contrast_threshold,
         interval_us=knots_us(sample.initial)[0],
@@ -94,12 +92,6 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
     )
     lacking = f"{residuals} events with one before them, expected {wanted}"
     return problem, lacking if residuals < wanted else ""
-
-
-def _seen_us(t_us: NDArray[np.int32], duration_us: int) -> NDArray[np.bool_]:
-    mask = np.zeros(duration_us, bool)
-    mask[t_us] = True
-    return mask
 
 
 def intrinsics(K: Float64) -> Intrinsics:
@@ -120,22 +112,15 @@ def join_events(problem: Problem, events: int) -> Problem:
     number = np.arange(len(t_us))
     first = t_before_us < 0
     since_first = number - np.maximum.accumulate(np.where(first, number, 0))
-    last = np.append(first[1:], True)
-    ends = (since_first % events == 0) | last
+    ends = (since_first % events == 0) | np.append(first[1:], True)  # also a pixel's last
     every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
     chosen = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
     first, t_us = first[chosen], t_us[chosen]
     total = np.cumsum(p, dtype=np.int64)[chosen]  # a pixel's first one does not matter
-    joined = PixelEvents(
-        x[chosen],
-        y[chosen],
-        t_us,
-        np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
-        np.diff(total, prepend=0).astype(np.int16),
-    )
-    return replace(
-        problem,
-        events=joined,
-        seen_us=_seen_us(t_us, len(problem.seen_us)),
+    p = np.diff(total, prepend=0).astype(np.int16)
+    t_before_us = np.where(first, -1, np.roll(t_us, 1)).astype(np.int32)
+    return problem._replace(
+        events=PixelEvents(x[chosen], y[chosen], t_us, t_before_us, p),
+        seen_us=np.bincount(t_us, minlength=len(problem.seen_us)) > 0,
         residuals=int(np.count_nonzero(~first)),
     )

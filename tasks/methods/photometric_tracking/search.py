@@ -21,9 +21,9 @@ _CONVERGED_NOISE = 0.1  # a step that gains less than this share of the minimum'
 Result = tuple[Trajectory, RobustSum, int, bool]
 
 
-def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Result:
-    """Search on one reference view after another."""
-    passes, converged = 0, False
+def search(problem: Problem, path: Trajectory, levels: Iterable[Level], passes: int = 0) -> Result:
+    """Search on one reference view after another, after some passes over the events."""
+    converged = False
     state = RobustSum(math.nan, np.empty(0), np.empty((0, 0)), 0)
     for level in levels:
         on_level = join_events(problem, level.events)

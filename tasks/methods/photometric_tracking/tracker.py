@@ -42,8 +42,7 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
         return TrackingEstimate(sample.initial, start.failure)
     result = start.result
     if start.finest:
-        path, state, passes, converged = search(start.problem, result[0], [start.finest])
-        result = path, state, result[2] + passes, converged
+        result = search(start.problem, result[0], [start.finest], passes=result[2])
     diagnostics, failure = _judge(start.problem, sample, result)
     return TrackingEstimate(sample.initial if failure else result[0], failure, diagnostics)
 
@@ -70,7 +69,7 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
         )
     start = _start_of(sample)
     begun, blur_px = sample.initial, _blur_px(sample)
-    if not start.failure and start.result[3]:
+    if start.result[3]:  # it converged, so it did not fail
         begun, blur_px = start.result[0], _EXTRAPOLATION_PX
     late = _extended(begun, sample.max_delay_us)
     events_end_us = round(1e6 * sample.initial.duration_s) + sample.max_delay_us
