@@ -21,7 +21,7 @@ Arrays = tuple[NDArray[np.float32], ...]
 LIGHTS = {"ideal": math.inf, "200 Hz": 200.0, "50 Hz": 50.0}
 """Cutoffs of the validation crops, Hz, by name."""
 
-
+_HELD_OUT_SEED = 0
 _BYTES_PER_SCORED_PX = 750  # at most that much was measured, by reconstruction in float32
 
 
@@ -106,7 +106,9 @@ class Problem(ABC):
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
             for index in range(self.settings.schedule.validation_crops):
-                crop = random_crop(crops, windows, 0, index, light=cutoff_hz, held_out=True)
+                crop = random_crop(
+                    crops, windows, _HELD_OUT_SEED, index, light=cutoff_hz, held_out=True
+                )
                 samples.append(self.sample(crop, run_in))
                 scores.append(self.baseline_scores(crop, samples[-1]))
             self._held_out[name] = _joined(samples), np.mean(scores, axis=0).tolist()

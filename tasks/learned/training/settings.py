@@ -110,7 +110,6 @@ class ReconstructionTraining:
         most_px = min(2 * side_px, MAX_SIDE_PX)  # tilted beyond 2, the plane has a horizon
         at_once = f"a divisor of {windows}, the number of windows"
         area = f"at least crops.side_px, {side_px}, and at most {most_px}"
-
         _check(self, "windows_at_once", windows % self.windows_at_once == 0, at_once)
         _check(self, "crops.side_px", side_px % multiple == 0, halved)
         _check(self, "ranked_px", ranked_px % multiple == 0, halved)
@@ -185,4 +184,5 @@ def find_training(known: dict[str, T], name: str) -> T:
         raise TrainingError(
             f"config: found {name!r}, expected a name or a .toml file; {suggestion(name, known)}"
         )
-    return read_toml(type(known["small"]), Path(name), TrainingError)
+    kind: type[T] = type(next(iter(known.values())))
+    return read_toml(kind, Path(name), TrainingError)
