@@ -45,7 +45,44 @@ class _AtEachCutoff(CameraOptions):
     warm_up: Suppress[Fixed[float | None]] = None
 
 
-_USUAL = _AtEachCutoff()
+@dataclass(frozen=True, kw_only=True)
+class _RandomScenes:
+    """Options of random scenes, without --study.
+
+    Parameters
+    ----------
+    count
+        Number of sequences.
+    seed
+        Seed of the dataset.
+    spp
+        Samples per pixel: 1, 4, 9, 16, ...
+    max_displacement
+        Largest motion in the image between two frames, px.
+    warm_up
+        How long the sensor sees the scene before a sequence starts, seconds. The default is enough
+        for 25 Hz; a lower cutoff f needs 6 / (2 pi f).
+    stereo
+        Add a second camera this far to the right, meters. Its data are in the folder `right` of
+        each sequence.
+    images
+        Also take images with a frame camera, at this rate, Hz.
+    scheduler
+        Address of a Dask scheduler, tcp://HOST:PORT, whose workers make the sequences. All of them
+        must see OUT under the same path.
+    """
+
+    count: int = 100
+    seed: int = 0
+    spp: int = 4
+    max_displacement: float = 0.5
+    warm_up: Annotated[float, arg(help_behavior_hint=f"(default: {WARM_UP_S:.3g})")] = WARM_UP_S
+    stereo: float | None = None
+    images: float | None = None
+    scheduler: str | None = None
+
+
+_USUAL, _USUAL_SCENES = _AtEachCutoff(), _RandomScenes()
 
 # Settings whose options have shorter names, for errors.
 _OPTIONS = {
@@ -60,18 +97,11 @@ _OPTIONS = {
 
 def dataset(
     out: Annotated[Positional[Path], arg(metavar="OUT", help="folder of the dataset")],
-    count: int = 100,
     seconds: float = 1.0,
-    seed: int = 0,
-    spp: int = 4,
-    max_displacement: float = 0.5,
     truth: float = 0.05,
-    warm_up: Annotated[float, arg(help_behavior_hint=f"(default: {WARM_UP_S:.3g})")] = WARM_UP_S,
-    stereo: float | None = None,
-    images: float | None = None,
-    scheduler: str | None = None,
     dry_run: bool = False,
     study: Annotated[str | None, arg(metavar="PRESET|STUDY.toml")] = None,
+    scenes: OmitArgPrefixes[_RandomScenes] = _USUAL_SCENES,
     sensor: OmitArgPrefixes[_AtEachCutoff] = _USUAL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
     frame_camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
@@ -85,29 +115,10 @@ def dataset(
 
     Parameters
     ----------
-    count
-        Number of sequences.
     seconds
         Length of each sequence after its warm-up, seconds.
-    seed
-        Seed of the dataset.
-    spp
-        Samples per pixel: 1, 4, 9, 16, ...
-    max_displacement
-        Largest motion in the image between two frames, px.
     truth
         Time from one ground truth to the next, seconds.
-    warm_up
-        How long the sensor sees the scene before a sequence starts, seconds. The default is enough
-        for 25 Hz; a lower cutoff f needs 6 / (2 pi f).
-    stereo
-        Add a second camera this far to the right, meters. Its data are in the folder `right` of
-        each sequence.
-    images
-        Also take images with a frame camera, at this rate, Hz.
-    scheduler
-        Address of a Dask scheduler, tcp://HOST:PORT, whose workers make the sequences. All of them
-        must see OUT under the same path.
     dry_run
         Only print how many frames there are, and how much time and disk space they take.
     study
@@ -120,9 +131,8 @@ def dataset(
     from tasks.generation.settings import DatasetSettings, estimate
 
     if study is not None:
-        others = count, seed, spp, max_displacement, warm_up, stereo, images, scheduler
-        usual = 100, 0, 4, 0.5, WARM_UP_S, None, None, None
-        if (*others, sensor, imu, frame_camera) != (*usual, _USUAL, NO_IMU, USUAL_CAMERA):
+        usual = _USUAL_SCENES, _USUAL, NO_IMU, USUAL_CAMERA
+        if (scenes, sensor, imu, frame_camera) != usual:
             raise TaskError(
                 "--study: found options for random scenes; give only --seconds, --truth and "
                 "--dry-run, as scenes, frames and sensors are in the study"
@@ -137,30 +147,30 @@ def dataset(
     camera = sensor.camera(1, 1)
     try:
         settings = DatasetSettings(
-            seed=seed,
+            seed=scenes.seed,
             seconds=seconds,
             sensor=camera,
             cutoffs_hz=sensor.cutoffs or (camera.cutoff_hz,),
             threshold_deviation=sensor.threshold_deviation,
             imu=imu,
-            baseline_m=stereo,
-            images_hz=images,
+            baseline_m=scenes.stereo,
+            images_hz=scenes.images,
             camera=frame_camera,
-            spp=spp,
-            max_displacement_px=max_displacement,
+            spp=scenes.spp,
+            max_displacement_px=scenes.max_displacement,
             truth_step_s=truth,
-            warm_up_s=warm_up,
+            warm_up_s=scenes.warm_up,
         )
     except TaskError as error:
         name, colon, rest = str(error).partition(":")
         raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{rest}") from error
     if dry_run:
-        check_positive("count", count, TaskError)
-        made = sum(sequence_folder(out, number).is_dir() for number in range(count))
-        logging.getLogger(__name__).info(estimate(settings, count - made))
+        check_positive("count", scenes.count, TaskError)
+        made = sum(sequence_folder(out, number).is_dir() for number in range(scenes.count))
+        logging.getLogger(__name__).info(estimate(settings, scenes.count - made))
         return
     with terminal.progress() as on_progress:
-        folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
+        folders = make_dataset(settings, out.resolve(), scenes.count, scenes.scheduler, on_progress)
     terminal.say(f"{out}: {len(folders)} sequence{'s' * (len(folders) != 1)}")
 
 
