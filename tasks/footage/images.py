@@ -36,10 +36,7 @@ _NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
 
 
 def list_images(folder: Path) -> list[Path]:
-    """Return the images of a folder, in the order of the numbers in their names.
-
-    Hidden files are left out.
-    """
+    """Return a folder's images except hidden files, in the order of the numbers in their names."""
     named = (file for file in folder.iterdir() if not file.name.startswith("."))
     files = [file for file in named if file.suffix.lower() in _KINDS]
     kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
@@ -115,12 +112,7 @@ def times_ns(
     *,
     option: str = "--time-unit",
 ) -> list[int]:
-    """Return the times of the images of a folder.
-
-    Returns
-    -------
-    Nanoseconds, increasing, one per image.
-    """
+    """Return the times of the images of a folder, nanoseconds, increasing."""
     file = folder / _TIMES
     if fps is None and not file.exists():
         raise TaskError(f"{folder}: has no times; give --fps, such as --fps 240, or add {_TIMES}")
@@ -176,11 +168,9 @@ def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
 
 
 def read_images(files: list[Path], layer: str | None = None) -> Iterator[NDArray[np.generic]]:
-    """Read images one after another.
+    """Read images one after another, (H, W), or (H, W, 3) red, green, blue.
 
-    Yields
-    ------
-    (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32. Of OpenEXR the luminance.
+    They are uint8, uint16 or float32; an OpenEXR image is its luminance.
     """
     expected: list[str] = []
     for file in files:

@@ -33,28 +33,12 @@ _EDGE = 4.0  # gray levels per px: less is noise, and flow in a plain area means
 
 
 def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
-    """Return how finely to divide intervals so that a step has at most half a pixel of motion.
-
-    Parameters
-    ----------
-    displacements_px
-        (T - 1,) motion in each interval, px.
-
-    Returns
-    -------
-    (T - 1,) numbers of steps.
-    """
+    """Return how finely to divide intervals so that a step has at most half a pixel of motion."""
     return [max(1, math.ceil(shift / _MAX_PX)) for shift in displacements_px]
 
 
 def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:
-    """Return footage with motion-compensated frames between its own.
-
-    Parameters
-    ----------
-    steps
-        (T - 1,) number of intervals into which each interval of the footage is divided.
-    """
+    """Return footage with motion-compensated frames; interval k becomes `steps[k]` intervals."""
     own = pairwise(footage.t_s)
     inside = [a + (b - a) * np.arange(n) / n for (a, b), n in zip(own, steps, strict=True)]
 
@@ -100,14 +84,10 @@ def _between(before: _End, after: _End, steps: int, workers: Executor) -> Iterat
 
 
 def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
-    """Measure the motion from each frame to the next, by DIS optical flow on small images.
+    """Measure the motion of edges from each frame to the next, by DIS optical flow on small images.
 
-    Only motion across edges counts: along them the light does not change, nor in plain areas.
-
-    Returns
-    -------
-    (T - 1,) 95th percentile of the displacements of the edges between each pair of frames, px of
-    the footage; 0 without edges.
+    It is the 95th percentile, (T - 1,) px of the footage; 0 without edges. Only motion across edges
+    counts: along them the light does not change, nor in plain areas.
     """
     scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
     width, height = (max(_MIN_PX, round(scale * side)) for side in (footage.width, footage.height))
@@ -129,20 +109,10 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
 def _across_edges(
     image: NDArray[np.uint8], flow: Float32, scales: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """Return the lengths of the components of flow along the gradient, where there is one.
+    """Return the lengths, (N,), of the components of flow along the gradient, where it is large.
 
-    Parameters
-    ----------
-    image
-        (H, W) small image.
-    flow
-        (H, W, 2) its displacements, px of the small image.
-    scales
-        Size of the small image over that of the footage, in x and y; a narrow one is stretched.
-
-    Returns
-    -------
-    (N,) px of the footage.
+    The image, (H, W), and its flow, (H, W, 2), are small, and the lengths are in px of the footage.
+    `scales` are the small size over the footage's in x and y; a narrow image is stretched.
     """
     sides = [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))]
     gradient = np.stack(sides, axis=-1)
@@ -152,31 +122,14 @@ def _across_edges(
 
 
 def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
-    """Return an image for optical flow, in which dark and bright textures have similar contrast.
-
-    Parameters
-    ----------
-    light
-        (H, W) linear radiance.
-
-    Returns
-    -------
-    (H, W) uint8.
-    """
+    """Return an image for optical flow, in which dark and bright textures have similar contrast."""
     return np.clip(255 * np.sqrt(light / white_level), 0, 255).astype(np.uint8)
 
 
 def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
-    """Return dense optical flow (DIS; Kroeger et al., ECCV 2016).
+    """Return dense optical flow between `gray` images (DIS; Kroeger et al., ECCV 2016).
 
-    Parameters
-    ----------
-    before, after
-        (H, W) images as from `gray`.
-
-    Returns
-    -------
-    (H, W, 2) float32 displacements of the points of `before`, px: x, then y.
+    It has the displacements of the points of `before`, (H, W, 2) px: x, then y.
     """
     height, width = before.shape
     larger = max(width, _MIN_PX), max(height, _MIN_PX)
@@ -188,15 +141,7 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
 
 
 def followed(image: Float32, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
-    """Return an image of the moment of `after`, moved back to `before` along their flow.
-
-    Parameters
-    ----------
-    image
-        (H, W).
-    before, after
-        As for `optical_flow`.
-    """
+    """Return an image of the moment of `after`, moved back to `before` along their optical flow."""
     columns, rows = (np.arange(side, dtype=np.float32) for side in image.shape[::-1])
     at = optical_flow(before, after) + np.dstack(np.meshgrid(columns, rows))
     x, y = np.moveaxis(at, 2, 0).copy()

@@ -22,25 +22,10 @@ _BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709-6, item 
 class Luminance:
     """Converts stored numbers to linear luminance; mends and counts floats that are no light.
 
-    Luminance below 0 by at most the dark level becomes black: filters with negative lobes leave it
-    beside edges. A pixel that is NaN, infinite or further below 0 is an error, or gets the median
-    of its valid neighbors in 3 x 3 px.
-
-    Parameters
-    ----------
-    encoding
-        Transfer function of the stored numbers, see `sensor.to_linear`.
-    white_level
-        Radiance of white; the dark level is a thousandth of it.
-    repair
-        Whether such a pixel is mended.
-    advice
-        End of the error if it is not.
-
-    Raises
-    ------
-    SensorError
-        The encoding is unknown.
+    Luminance below 0 by at most the dark level, a thousandth of white, becomes black: filters with
+    negative lobes leave it beside edges. A pixel that is NaN, infinite or further below 0 is an
+    error that ends with `advice`; with `repair` it gets the median of its valid neighbors in 3 x 3
+    px.
     """
 
     def __init__(
@@ -56,16 +41,10 @@ class Luminance:
         self._repaired: dict[Path, int] = {}
 
     def __call__(self, file: Path, image: NDArray[np.generic]) -> Float32:
-        """Return the luminance of an image.
+        """Return the luminance of an image, (H, W) float32, finite, 0 or more.
 
-        Parameters
-        ----------
-        image
-            (H, W) or (H, W, 3) red, green, blue; uint8 or uint16, or floats, which are linear.
-
-        Returns
-        -------
-        (H, W) float32, finite, 0 or more.
+        The image is (H, W) or (H, W, 3) red, green, blue; uint8, uint16, or floats, which are
+        linear.
         """
         if image.dtype.kind == "u":
             return _without_color(self._light[image.dtype.name][image])
@@ -104,9 +83,7 @@ def coding_of(
 ) -> tuple[str, float]:
     """Return the encoding of images like the first, and the light of white.
 
-    Returns
-    -------
-    The encoding, and 1, or for floats the 99.9th percentile of the finite ones of the first image.
+    White is 1, but for floats the 99.9th percentile of the finite pixels of the first image.
     """
     if first.dtype.kind != "f":
         return given or usual, 1.0

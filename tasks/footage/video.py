@@ -47,17 +47,7 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def times_ns(path: Path, fps: float | None) -> list[int]:
-    """Return the time at which each frame of a video is shown.
-
-    Parameters
-    ----------
-    fps
-        Frames per second, instead of the video's own times, which may be uneven.
-
-    Returns
-    -------
-    Nanoseconds, increasing, one per frame.
-    """
+    """Return the time at which each frame of a video is shown, nanoseconds; by `fps` if given."""
     with _open(path) as (container, stream):
         times = [
             packet.pts
@@ -84,8 +74,8 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
 def _from_first_shown(times: list[int], path: Path) -> list[int]:
     """Return the times from the first frame that the decoder shows.
 
-    Frames before it are of a longer video: where it was cut, at a keyframe of an open group of
-    pictures or between those of a gradual refresh, they need frames that are no longer there.
+    After a cut, at a keyframe of an open group of pictures or within a gradual refresh, earlier
+    frames need frames that are no longer there.
     """
     with _open(path) as (container, stream):
         first = next(container.decode(stream), None)
@@ -103,8 +93,8 @@ def _unrounded_ns(
 ) -> list[int]:
     """Return times in nanoseconds: of an even grid, if that explains them, or as they are.
 
-    Containers round times to ticks: Matroska and Flash to 1 ms, GIF to 10 ms. Rounded times of a
-    rate are less than a tick apart from its grid, all the same way; a missing frame is no rounding.
+    Containers round to ticks: Matroska and Flash to 1 ms, GIF to 10 ms. Rounded times of a rate are
+    less than a tick from its grid, all the same way; a missing frame is no rounding.
     """
     stored = [round(t * tick_s * 10**9) for t in times]
     if not rates:
@@ -159,10 +149,7 @@ _OTHER_CURVES = {9: "a logarithm", 10: "a logarithm", 16: "PQ", 17: "SMPTE ST 42
 def tagged_encoding(path: Path, encoding: str | None) -> str:
     """Return the transfer function in a video's tags; warn of what is left out.
 
-    Parameters
-    ----------
-    encoding
-        Transfer function that the user gave, in place of that of the tags.
+    Tags of other curves, such as PQ, are an error unless the user gave an `encoding`.
     """
     with _open(path) as (_, stream):
         codec = stream.codec_context
@@ -188,12 +175,9 @@ def _is_shown(packet: Any, codec: str) -> bool:
 
 
 def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
-    """Decode the frames of a video one after another.
+    """Decode the frames of a video one after another, rotated and mirrored by its display matrix.
 
-    Yields
-    ------
-    (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
-    Frames are rotated and mirrored by the video's display matrix, which phones write.
+    They are (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 above 8 bits.
     """
     k, size = 0, None
     with _open(path) as (container, stream):

@@ -21,17 +21,7 @@ jit = compiler(Path(__file__).parent, fastmath={"contract"})
 
 
 def coefficients(image):
-    """Return the coefficients of the spline that passes through an image.
-
-    Parameters
-    ----------
-    image
-        (H, W) float32.
-
-    Returns
-    -------
-    (H + 3, W + 3) float32.
-    """
+    """Return the coefficients, (H + 3, W + 3), of the spline through an image, (H, W) float32."""
     for _ in range(2):
         if len(image) > 1:
             bands = np.full((3, len(image)), 4 / 21, np.float32)
@@ -44,27 +34,13 @@ def coefficients(image):
 
 @jit
 def blend(first, second, flow, later, t, start, out):
-    """Write some rows of the frame at a time between two frames.
+    """Write the rows from `start` on of the frame at time t, between frames at 0 and 1.
 
-    The flow at that time is between that of the points that a pixel sees in the first and in the
-    second frame, as in Super SloMo (Jiang et al., CVPR 2018, Eq. 4). Along it, both frames are
-    moved to the time, and blended by how near they are.
-
-    Parameters
-    ----------
-    first, second
-        (H + 3, W + 3) float32 as from `coefficients`, of both frames. Beyond the border, the border
-        is repeated.
-    flow
-        (H, W, 2) float32 displacements of the points of the first frame, px: x, then y.
-    later
-        (H, W, 2) float32 as from `find_later`.
-    t
-        Time between 0, the first frame, and 1.
-    start
-        The first of the rows.
-    out
-        (R, W) float32, written, 0 or more.
+    The flow at that time is between the flows of the points that a pixel sees in the first and in
+    the second frame (Super SloMo; Jiang et al., CVPR 2018, Eq. 4). Along it, both frames are moved
+    to the time, and blended by how near they are. `first` and `second` are as from `coefficients`,
+    `later` as from `find_later`, and `flow`, (H, W, 2) float32 px, x first, displaces points of the
+    first frame.
     """
     t = np.float32(t)
     rest = np.float32(1) - t
@@ -109,13 +85,7 @@ def _find_places(pair, flow_share, later_share, x, y, shape, at, fractions):
 
 @jit
 def find_later(flow, out):
-    """Write the flow that led to each pixel of the second frame: that of q to p = q + flow(q).
-
-    Parameters
-    ----------
-    flow, out
-        (H, W, 2) float32 as for `blend`.
-    """
+    """Write flow(q) at each pixel p = q + flow(q) of the second frame; both are (H, W, 2) px."""
     height, width, _ = flow.shape
     for y in range(height):
         top, bottom = np.float32(-y), np.float32(height - 1 - y)

@@ -19,24 +19,10 @@ _HELD_OUT = 1 << 64  # larger than any seed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Crop:
-    """A random crop.
+    """A random crop: events of each window, [start, end), and the light that caused them.
 
-    Parameters
-    ----------
-    events
-        Events of each window, [start, end).
-    ends_us
-        Ends of the windows, us.
-    texture
-        What is seen, linear radiance.
-    motion
-        Motion of the texture, with time in windows.
-    contrast_threshold
-        C, log units.
-    cutoff_hz
-        Cutoff of the photoreceptor, Hz.
-    dark_level
-        Of the sensor.
+    `texture` is linear radiance, time in `motion` is in windows, and `contrast_threshold` is C in
+    log units.
     """
 
     events: tuple[Events, ...]
@@ -48,16 +34,9 @@ class Crop:
     dark_level: float
 
     def log_image(self, t: float, side_px: int) -> NDArray[np.float32]:
-        """Return what an ideal sensor sees at a time.
+        """Return the log intensity, with the dark level, that an ideal sensor sees at a time.
 
-        Parameters
-        ----------
-        side_px
-            Side of the image, px; it has the same middle as the crop.
-
-        Returns
-        -------
-        (side_px, side_px) log intensity, including the dark level.
+        The time is in windows; the image, (side_px, side_px), has the same middle as the crop.
         """
         (homography,) = self.motion.homographies(np.array([t]), side_px)
         return np.log(view(self.texture, homography, side_px) + np.float32(self.dark_level))
@@ -74,14 +53,8 @@ def random_crop(
 ) -> Crop:
     """Make a crop, which depends only on the arguments.
 
-    Its texture, motion and contrast threshold do not depend on the light.
-
-    Parameters
-    ----------
-    light
-        "ideal", "all" to draw the cutoff, or the cutoff in Hz.
-    held_out
-        Whether the crop is one of those that no training sees, whatever its seed.
+    Its texture, motion and contrast threshold do not depend on the light: "ideal", "all" to draw
+    the cutoff, or the cutoff in Hz. No training sees a crop that is held out, whatever its seed.
     """
     entropy = [_HELD_OUT, seed] if held_out else [seed]
     rng = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(index,)))

@@ -31,18 +31,8 @@ class Motion:
     """A smooth random motion of a plane in a square image; time is in windows.
 
     Homographies map pixels, (0, 0) at the top-left corner of the image and centers at integers +
-    0.5, to texels in the same convention.
-
-    Parameters
-    ----------
-    rng
-        Source of all randomness.
-    side_px
-        Side of the image, px.
-    motion_px
-        Approximate mean motion in the image, px per window.
-    texels_per_px
-        Scale at time 0 without the waves.
+    0.5, to texels in the same convention. `motion_px` is the approximate mean motion, px per
+    window, and `texels_per_px` is the scale at time 0 without the waves.
     """
 
     def __init__(
@@ -68,18 +58,9 @@ class Motion:
         ]
 
     def homographies(self, t: Float64, side_px: int | None = None) -> Float64:
-        """Return the homographies at given times.
+        """Return the homographies from pixels to texels, (N, 3, 3), at times in windows, (N,).
 
-        Parameters
-        ----------
-        t
-            (N,) times, windows.
-        side_px
-            Side of a square image with the same middle, px; by default the image itself.
-
-        Returns
-        -------
-        (N, 3, 3), from pixels to texels.
+        `side_px` is the side of another square image with the same middle.
         """
         x, y = (path(t) for path in self._center)
         gx, gy = (path(t) for path in self._tilt)
@@ -93,17 +74,7 @@ class Motion:
         return around_middle @ to_middle
 
     def flow(self, start: float, end: float) -> NDArray[np.float32]:
-        """Return how far the points at the pixels' centers move.
-
-        Parameters
-        ----------
-        start, end
-            The times, windows; the points are at the pixels' centers at the start.
-
-        Returns
-        -------
-        (2, side, side) px, x first.
-        """
+        """Return how far points at pixels' centers at `start` move, (2, side, side) px, x first."""
         before, after = self.homographies(np.array([start, end]))
         centers = np.arange(self._side_px) + 0.5
         points = np.stack(np.meshgrid(centers, centers))

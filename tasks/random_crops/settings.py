@@ -21,35 +21,13 @@ CropLight = Literal["ideal", "all"]
 class Crops:
     """Ranges from which each crop draws its properties, uniformly on a logarithmic scale.
 
-    Parameters
-    ----------
-    side_px
-        Side of the square crop, px.
-    window_ms
-        Length of a window of events, ms.
-    motion_px
-        Smallest and largest mean motion in the image, px per window.
-    cutoff_hz
-        Smallest and largest cutoff of the photoreceptor, Hz.
-    ideal_share
-        Share of the crops that have ideal pixels with light "all".
-    contrast_threshold
-        Smallest and largest contrast threshold, log units.
-    log_contrast
-        Smallest and largest standard deviation of a texture's log intensity.
-    texels_per_px
-        Smallest and largest number of texels of a 512 x 512 texture along a pixel. With more than 2
-        the texture is aliased.
-    max_displacement_px
-        Largest motion in the image between two frames, px.
-    sensor
-        Name or TOML file of a camera, for what crops do not draw: photoreceptor, dark level, noise
-        and delays, without its bus. Its threshold of OFF events keeps its ratio to that of ON.
-
-    Raises
-    ------
-    TaskError
-        A number is out of range.
+    `motion_px` is the mean motion in the image, px per window. `log_contrast` is the standard
+    deviation of a texture's log intensity. `texels_per_px` counts texels of a 512 x 512 texture
+    along a pixel; with more than 2 the texture is aliased. `max_displacement_px` is the largest
+    motion between two frames. `ideal_share` is the share of the crops that have ideal pixels with
+    light "all". `sensor` is the name or TOML file of a camera, for what crops do not draw:
+    photoreceptor, dark level, noise and delays, without its bus. Its OFF threshold keeps its ratio
+    to the ON threshold.
     """
 
     side_px: int = 80

@@ -27,12 +27,7 @@ SUBPIXELS = 2  # samples of a view along each side of a pixel
 
 
 def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
-    """Return a periodic texture.
-
-    Returns
-    -------
-    (512, 512) linear radiance from 0.01 to 1.
-    """
+    """Return a periodic texture, (512, 512) linear radiance from 0.01 to 1."""
     kinds: list[Callable[[np.random.Generator], Float32]] = [_noise, _leaves, _patches, _motif]
     total = np.zeros((SIDE, SIDE), np.float32)
     for kind in rng.permutation(len(kinds))[: rng.integers(1, 4)]:
@@ -46,12 +41,7 @@ def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
 
 
 def fractal(rng: np.random.Generator, slope: float) -> Float32:
-    """Return periodic noise whose amplitude falls with frequency to a power.
-
-    Returns
-    -------
-    (512, 512), with mean 0 and standard deviation 1.
-    """
+    """Return periodic noise, (512, 512), of amplitude f^-slope, mean 0 and standard deviation 1."""
     rows, columns = np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None]
     radius = np.hypot(rows, columns)
     radius[0, 0] = np.inf  # no mean
@@ -105,15 +95,10 @@ def _leaves(rng: np.random.Generator) -> Float32:
 
 @jit
 def paint_leaves(image: Float32, leaves: NDArray[np.float64]) -> None:
-    """Paint leaves over each other on a periodic image.
+    """Paint leaves over each other on a periodic image, (S, S), where S is a power of two.
 
-    Parameters
-    ----------
-    image
-        (S, S), overwritten; S is a power of two.
-    leaves
-        (N, 7): x and y of the center, half length and half width, texels, angle, radians, whether
-        it is a rectangle, gray.
+    Each row of `leaves`, (N, 7), has x and y of the center, half length and half width, texels, the
+    angle, radians, whether it is a rectangle, and the gray.
     """
     last = image.shape[0] - 1
     for k in range(leaves.shape[0]):
@@ -136,23 +121,11 @@ def paint_leaves(image: Float32, leaves: NDArray[np.float64]) -> None:
 def view(
     texture: NDArray[np.float32], homography: NDArray[np.float64], side_px: int
 ) -> NDArray[np.float32]:
-    """Average a texture over each pixel.
+    """Average a texture over each pixel: the mean of 2 x 2 samples, interpolated bilinearly.
 
-    A pixel is the mean of 2 x 2 samples, each interpolated bilinearly. OpenCV's `warpPerspective`
-    would round positions to 1/32 px, and motion in such steps causes false events.
-
-    Parameters
-    ----------
-    texture
-        (S, S) linear radiance, periodic; S is a power of two.
-    homography
-        (3, 3), from pixels to texels, both with centers at integers + 0.5.
-    side_px
-        Side of the image, px.
-
-    Returns
-    -------
-    (side_px, side_px) linear radiance.
+    The texture, (S, S), is periodic, and S is a power of two. The homography maps pixels to texels,
+    both with centers at integers + 0.5. OpenCV's `warpPerspective` would round positions to 1/32
+    px, and motion in such steps causes false events.
     """
     last = texture.shape[0] - 1
     image = np.empty((side_px, side_px), np.float32)

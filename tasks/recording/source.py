@@ -27,16 +27,9 @@ from tasks.video import picture
 
 @dataclass(eq=False, kw_only=True)
 class RecordingWindow(Source):
-    """A window of a recording.
+    """A window of a recording; `frame` is the index of the frame at its start.
 
-    Parameters
-    ----------
-    sample
-        Number of the window.
-    frame
-        Index of the frame at its start.
-    stream
-        Events of the window and, if the task needs them, before it.
+    `stream` has the events of the window and, if the task needs them, the events before it.
     """
 
     search_from: Literal["truth", "zero"] = field(default="zero", init=False)
@@ -146,10 +139,10 @@ def sources(
     options: FlowOptions,
     on_progress: Progress,
 ) -> Iterator[RecordingWindow]:
-    """Yield the windows that a task scores; one at a time has its events in memory.
+    """Yield the windows that a task scores; only one window has its events in memory.
 
-    A task on continuous stretches has all of the recording, one that needs frames every pair of
-    them, and others the windows of the options.
+    Tasks on continuous stretches get the whole recording, tasks that need frames every pair of
+    frames, and others the windows of the options.
     """
     part_of = partial(
         RecordingWindow, recording=recording, frames=frames, thresholds=thresholds, options=options

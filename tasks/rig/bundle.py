@@ -50,16 +50,10 @@ _MIN_SHARE = 0.1  # fraction of the moving images, in each direction
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Corners:
-    """Corners of markers in images, M markers in all.
+    """Corners of M markers in images: (M,) times on the readings' clock, and (M, 4, 2) positions.
 
-    Parameters
-    ----------
-    t_us
-        (M,) time of the image of each marker, microseconds on the slider's clock.
-    page_m
-        (M, 4, 2) corners on the page, m: x to the right and y down from the top left.
-    image_px
-        (M, 4, 2) corners in the image, px, (0, 0) at the corner of the first pixel.
+    `page_m` runs to the right and down from the page's top left, `image_px` from the corner of the
+    first pixel.
     """
 
     t_us: Float64
@@ -75,15 +69,8 @@ class Corners:
 class RigPose:
     """A camera, and where it is for each position of its slider.
 
-    Parameters
-    ----------
-    R_world_cam
-        (3, 3) rotation from the camera to the world. The world is the page: x to the right, y down,
-        z into the page, and the origin at its top left corner, m.
-    origin_m
-        (3,) position of the camera at the slider's 0, m.
-    direction
-        (3,) unit vector of travel.
+    The world is the page: x to the right, y down, z into the page, and the origin at its top left
+    corner. `origin_m` is the camera's position at the slider's 0, and `direction` is a unit vector.
     """
 
     camera: Camera
@@ -101,20 +88,7 @@ class RigPose:
         return T
 
     def project(self, points_m: Float64, x_m: ArrayLike) -> Float64:
-        """Return where the camera sees points of the page.
-
-        Parameters
-        ----------
-        points_m
-            (..., N, 2) points of the page, m.
-        x_m
-            (...) positions of the slider, m.
-
-        Returns
-        -------
-        points_px
-            (..., N, 2) px.
-        """
+        """Return the pixels, (..., N, 2), of points of the page at slider positions, (...)."""
         world = np.concatenate([points_m, np.zeros_like(points_m[..., :1])], axis=-1)
         return self.camera.project((world - self.at(x_m)[..., None, :3, 3]) @ self.R_world_cam)
 
@@ -127,18 +101,11 @@ class RigPose:
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Solution:
-    """A solved rig.
+    """A solved rig of P parameters; `inliers`, (M,), tells which markers were used.
 
-    Parameters
-    ----------
-    names
-        Names of the P parameters.
-    covariance
-        (P, P), in the parameters' units: turns about the camera's axes, rad; origin, m; turns of
-        the direction of travel, rad; then the other unknowns. It assumes that corners are
-        independent and as noisy as the residuals.
-    inliers
-        (M,) whether each marker was used.
+    The covariance, (P, P), is of turns about the camera's axes, rad, the origin, m, and turns of
+    the direction of travel, rad; the names of other unknowns state their units. It assumes that
+    corners are independent and as noisy as the residuals.
     """
 
     pose: RigPose
@@ -153,17 +120,10 @@ class Solution:
 def solve(
     corners: Corners, slider: Slider, camera: Camera, unknowns: tuple[str, ...] = ()
 ) -> Solution:
-    """Find the camera's pose, direction of travel and other unknowns, from corners of markers.
+    """Find the camera's pose, direction of travel and `unknowns` by least squares in the image.
 
-    Least squares of the distances in the image, with the intrinsics and the page known. After each
-    fit, markers are left out if a corner's distance is more than four times the robust root mean
-    square distance.
-
-    Parameters
-    ----------
-    unknowns
-        What is estimated in addition to the eight parameters: some of `LATENCY`, `SCALE` and
-        `CORNER_BIAS`.
+    `unknowns` are some of `LATENCY`, `SCALE` and `CORNER_BIAS`. After each fit, markers are left
+    out if a corner's distance is more than four times the robust root mean square distance.
     """
     _check_enough(corners, slider)
     x_m = slider.position_m(corners.t_us)
@@ -244,18 +204,9 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
 def inverse_of(jacobian: Float64, length: Float64) -> tuple[Float64, Float64, Float64]:
     """Return what gives the covariance of a fit, from its Jacobian with columns of length 1.
 
-    Parameters
-    ----------
-    jacobian
-        (M, P) derivatives of the residuals.
-    length
-        (P,) lengths of its columns, positive.
-
-    Returns
-    -------
-    singular, directions, half
-        The singular values, (P,), and right singular vectors, (P, P), of the scaled Jacobian, and
-        the matrix whose square half.T @ half is the covariance for residuals of variance 1.
+    For a Jacobian, (M, P), with columns of positive `length`, (P,), these are singular values,
+    (P,), right singular vectors, (P, P), and `half`: half.T @ half is the covariance for residuals
+    of variance 1.
     """
     _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
     with np.errstate(divide="ignore", invalid="ignore"):  # the caller refuses a singular one

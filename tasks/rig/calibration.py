@@ -54,29 +54,13 @@ class StoredPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolvedRecording:
-    """The solution of one recording.
+    """The solution of one recording; `source` is as in `Detections`.
 
-    Parameters
-    ----------
-    source
-        The images in which the markers were found: frame, hf or ei, as in `Detections`.
-    width, height
-        Size of the camera's image, px.
-    pose
-        Where the camera is for each position of the slider, at the time of the encoder's reading;
-        the latency is not included.
-    latency_ms
-        How late the images are, including the offset of the slider's clock if there is one.
-    corner_bias_px
-        How far corners are displaced away from the middle of their markers, px.
-    estimated
-        Names of the parameters, in the order of the covariance.
-    rms_px
-        Root mean square of the residuals, px.
-    x_m
-        Smallest and largest position of the slider in the images used, m.
-    intrinsics
-        fx, fy, cx, cy, k1, k2, p1, p2, k3 of the camera; empty in files of earlier versions.
+    The pose is for the time of the encoder's reading, without the latency. `latency_ms` is how late
+    the images are, including the offset of the slider's clock. `corner_bias_px` is positive away
+    from the middle of a marker. `estimated` names the parameters in the order of the covariance.
+    `x_m` is the range of the slider in the images used. `intrinsics` are fx, fy, cx, cy, k1, k2,
+    p1, p2, k3; files of earlier versions have none.
     """
 
     recording: str
@@ -126,15 +110,7 @@ class RigCalibration:
 def solve_recording(
     recording: RigRecording, detections: Detections, unknowns: tuple[str, ...], max_rms_px: float
 ) -> SolvedRecording:
-    """Solve a recording from the markers in it.
-
-    Parameters
-    ----------
-    unknowns
-        As of `solve`.
-    max_rms_px
-        Refuse solutions with larger residuals, px.
-    """
+    """Solve a recording from the markers in it; refuse larger residuals than `max_rms_px`."""
     page, camera = recording.page, recording.camera
     t_us, numbers, corners_px = detections.t_us, detections.number, detections.corners_px
     outside_px = (corners_px - (camera.width, camera.height)).max(initial=0.0)
@@ -185,16 +161,11 @@ def read_rig_calibration(path: Path) -> RigCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """How far a solved rig is from the truth, over the views of its stroke.
+    """How far a solved rig is from the truth, as root mean squares over the views of its stroke.
 
-    Parameters
-    ----------
-    position_mm, turn_deg
-        Root mean square distance of the positions, and angle between the rotations.
-    image_px
-        Root mean square distance between the two images of the same points of the page.
-    flow_px
-        Root mean square difference of the displacements over 6 mm of travel, at the same pixels.
+    `turn_deg` is the angle between the rotations, `image_px` the distance between the two images of
+    a point of the page, and `flow_px` the difference of the displacements over 6 mm of travel at a
+    pixel.
     """
 
     position_mm: float
@@ -204,13 +175,7 @@ class Errors:
 
 
 def compare(pose: RigPose, truth: RigPose, x_m: tuple[float, float]) -> Errors:
-    """Compare two solutions of a rig.
-
-    Parameters
-    ----------
-    x_m
-        Smallest and largest position of the slider, m.
-    """
+    """Compare two solutions of a rig over a range of positions of the slider."""
     grid_px = pose.camera.grid(_GRID)
     positions = np.linspace(*x_m, _GRID)
     apart_m = pose.at(positions)[:, :3, 3] - truth.at(positions)[:, :3, 3]

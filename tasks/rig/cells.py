@@ -31,14 +31,9 @@ _Shared = dict[int, list[int]]  # items that all widths have, by the number of t
 def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) -> list[Row]:
     """Group the rows of recordings by distance and speed, with the same items in each group.
 
-    Parameters
-    ----------
-    recordings
-        The rows of each recording, with `speed` as measured, m/s, and with the number of the place
-        on the print as `sample`.
-    per_visit
-        Number n of items in a visit to a place, by task, 1 if it is not given: item k of visit v is
-        n v + k, and odd visits are those on the carriage's way back.
+    Rows have the measured speed, m/s, and as `sample` the number of the place. With n items per
+    visit (`per_visit` of the task, else 1), item k of visit v is n v + k; odd visits are on the way
+    back.
     """
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)

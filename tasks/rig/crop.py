@@ -74,18 +74,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cropped:
-    """The content of crop.json: a recording cut to the common field.
+    """The content of crop.json: a recording cut to `box`, its part of the common field.
 
-    Parameters
-    ----------
-    width, height, fx, fy, cx, cy
-        Size and intrinsics of the crop, px, (0, 0) at the corner of its first pixel.
-    lens
-        Distortion coefficients k1, k2, p1, p2 and k3 of OpenCV's model.
-    box
-        Where the crop is in the camera's image.
-    latency_ms
-        Latency of the images from which the rig was solved. The poses do not include it.
+    Intrinsics are in px from the corner of the crop's first pixel; `lens` is OpenCV's k1, k2, p1,
+    p2, k3. The images from which the rig was solved were late by `latency_ms`, which the poses
+    exclude.
     """
 
     scene: str
@@ -111,13 +104,7 @@ class Cropped:
 
 
 def common_boxes(poses: list[RigPose], x_m: tuple[float, float]) -> list[Box]:
-    """Return the box of the common field for each camera.
-
-    Parameters
-    ----------
-    x_m
-        Smallest and largest position of the slider, m.
-    """
+    """Return each camera's box of the common field, over a range of positions of the slider."""
     depths = [abs(pose.at(np.mean(x_m))[2, 3]) / pose.camera.fx for pose in poses]
     nearest = poses[int(np.argmin(depths))]
     for pose in poses:
@@ -159,17 +146,7 @@ def _inside(box: Box, sides_px: Float64) -> Box:
 def homography(pose: RigPose, x_m: float) -> Float64:
     """Return the matrix (3, 3) from (x, y, 1) on the page, m, to homogeneous pixels.
 
-    Parameters
-    ----------
-    pose
-        The camera. With a lens, the pixels are those of a pinhole with the same `K`.
-    x_m
-        Position of the slider, m.
-
-    Returns
-    -------
-    H
-        (3, 3), with last entry 1.
+    Its last entry is 1. With a lens, the pixels are as in a pinhole camera with the same `K`.
     """
     R_cam_world, position_m = pose.R_world_cam.T, pose.at(x_m)[:3, 3]
     H = pose.camera.K @ np.column_stack([R_cam_world[:, :2], -R_cam_world @ position_m])
@@ -184,11 +161,10 @@ def crop(
     overwrite: bool = False,
     on_progress: Progress = silent,
 ) -> list[Path]:
-    """Cut recordings to the field that all of them show.
+    """Cut recordings to the field that all of them show, each to a folder of its name in `out`.
 
-    Writes one folder for each recording, with the same name: events.h5; crop.json (the box, the
-    camera of the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the
-    page to the crop) every millisecond; slider.csv; and the page.
+    A folder has events.h5, crop.json, slider.csv, the page, and for every millisecond a line in
+    poses.txt (TUM, T_world_cam) and in homographies.csv (from the page to the crop).
     """
     solved = [calibration.of(recording) for recording in recordings]
     folders = [out / recording.folder.resolve().name for recording in recordings]

@@ -33,24 +33,13 @@ _MAX_EVENTS = 200_000  # of a path, with those of the delay after it
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigEvaluation:
-    """What is scored on each crop.
+    """What is scored on each crop: windows wherever the carriage passes a place at constant speed.
 
-    Parameters
-    ----------
-    places
-        Number of places, evenly spaced along the part of the travel that all recordings of a print
-        share. There is a window wherever the carriage passes one at constant speed.
-    travel_m
-        Travel of the slider in a window, m.
-    initial_sigma_px
-        Error of the initial flow: standard deviation of each component, px at a width of 1280 px.
-    initial_sigma_mm
-        Error of the initial path's control positions, mm.
-    contrast_threshold
-        C, log units; by default the simulated sensor's.
-    cutoff_hz
-        Cutoff of the photoreceptor that the rows store, Hz; by default the simulated sensor's, or
-        inf for recorded events. No score depends on it.
+    Places are evenly spaced along the part of the travel that all recordings of a print share.
+    `initial_sigma_px` is the standard deviation of each component of the initial flow's error, px
+    at a width of 1280 px; `initial_sigma_mm` is the error of the initial path's control positions.
+    By default, C in log units and the cutoff are the simulated sensor's, and the cutoff of recorded
+    events is inf. The rows store the cutoff; no score depends on it.
     """
 
     places: int = 10
@@ -98,18 +87,10 @@ def evaluate_rig(
     tasks: Mapping[str, TaskSettings] | None = None,
     on_progress: Progress = silent,
 ) -> list[Row]:
-    """Score methods on all crops of a rig.
+    """Score methods on all crops of a rig; `tasks` has the settings of further tasks, by name.
 
-    Parameters
-    ----------
-    tasks
-        Settings of further tasks, by name.
-
-    Returns
-    -------
-    rows
-        `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` is the picture, and
-        `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
+    In the rows, `speed` and `speed_m_s` are in m/s, `width` is the crop's, `scene` is the picture,
+    and an unknown `cutoff_hz` is inf. Widths, speeds and samples are grouped by `in_cells`.
     """
     every = {**settings.tasks(), **(tasks or {})}
     every = {task: given for task, given in every.items() if given.methods}

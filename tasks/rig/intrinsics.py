@@ -60,13 +60,7 @@ class Board:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Intrinsics:
-    """A calibrated camera.
-
-    Parameters
-    ----------
-    sigmas
-        Standard deviations of fx, fy, cx, cy in px, then k1, k2, p1, p2, by name.
-    """
+    """A calibrated camera, with standard deviations of fx, fy, cx, cy, k1, k2, p1, p2 by name."""
 
     camera: Camera
     sigmas: dict[str, float]
@@ -75,18 +69,7 @@ class Intrinsics:
 
 
 def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[np.uint8]]:
-    """Yield gray images of a flashing board from a recording.
-
-    Parameters
-    ----------
-    size
-        Width and height of the sensor, for a file that does not store them.
-
-    Yields
-    ------
-    images
-        (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
-    """
+    """Yield gray images of a flashing board: the sum of the filter's images, then each image."""
     parts = list(read_events(path, size=size))
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(*span_us(path, parts), _IMAGES + 1)[1:].astype(np.int64).tolist()
@@ -96,18 +79,9 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
 
 
 def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
-    """Find the inner corners of a chessboard.
+    """Return the inner corners of a chessboard, (N, 2) px row by row; None if it is not found.
 
-    Parameters
-    ----------
-    gray
-        (H, W) image.
-
-    Returns
-    -------
-    corners_px
-        (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if the board is not
-        found.
+    (0, 0) is the corner of the first pixel.
     """
     large = cv2.resize(gray, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     shape = board.columns, board.rows
@@ -118,20 +92,7 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
 def calibrate(
     views_px: list[Float64], board: Board, width: int, height: int
 ) -> tuple[Camera, dict[str, float], float]:
-    """Find the camera that saw a board in several views.
-
-    Parameters
-    ----------
-    views_px
-        (N, 2) inner corners of each view.
-    width, height
-        Size of the image, px.
-
-    Returns
-    -------
-    camera, sigmas, rms_px
-        As in `Intrinsics`.
-    """
+    """Return camera, sigmas and rms_px of `Intrinsics` from (N, 2) inner corners in each view."""
     if len(views_px) < _MIN_VIEWS:
         raise RigError(
             f"intrinsics: found the board in {len(views_px)} files, expected at least {_MIN_VIEWS}"
@@ -170,11 +131,7 @@ def _sigmas(derivatives: list[Float64], rms_px: float) -> Float64:
     """Return the standard deviations of `_NAMES`; inf if the views do not determine them.
 
     OpenCV's own come from a truncated inverse, and are smallest where the views determine least.
-
-    Parameters
-    ----------
-    derivatives
-        (2 N, 15) for each view, as `cv2.projectPoints` returns them: by turn, place, camera, lens.
+    `cv2.projectPoints` gives the derivatives of a view, (2 N, 15): by turn, place, camera and lens.
     """
     intrinsic = len(_NAMES)
     of_views = np.concatenate([view[:, 6 : 6 + intrinsic] for view in derivatives])
@@ -200,10 +157,7 @@ def intrinsics(
 ) -> Intrinsics:
     """Calibrate a camera from recordings of a flashing board, one for each view.
 
-    Parameters
-    ----------
-    size
-        Width and height of the sensor, for files that do not store them.
+    `size` is the sensor's (width, height), for files that do not store it.
     """
     views_px: dict[Path, Float64] = {}
     sizes = set()

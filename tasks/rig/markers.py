@@ -42,22 +42,12 @@ _ANY_THRESHOLD = 1.0  # of the high-pass filter, whose images are stretched anyw
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Detections:
-    """Markers in images, M in all.
+    """M markers in images.
 
-    Parameters
-    ----------
-    t_us
-        (M,) int64, time of each marker's image, microseconds on the events' clock.
-    number
-        (M,) int64, the marker's number.
-    corners_px
-        (M, 4, 2) its corners, clockwise from its top left, px; (0, 0) is the corner of the image.
-    score
-        (M,) contrast of the marker: standard deviation of the gray codes within it, as a fraction
-        of the largest possible.
-    source
-        Where the images are from: "frame" (a frame camera), "hf" (the high-pass filter) or "ei"
-        (event integration).
+    Times, (M,), are on the events' clock. Corners, (M, 4, 2), go clockwise from the marker's top
+    left, px from the corner of the image. The score, (M,), is a marker's contrast: the standard
+    deviation of its gray codes as a fraction of the largest possible. Images are from a frame
+    camera ("frame"), the high-pass filter ("hf") or event integration ("ei").
     """
 
     t_us: NDArray[np.int64]
@@ -70,28 +60,11 @@ class Detections:
 def find_markers(
     gray: NDArray[np.uint8], dictionary: str, count: int, refinement: Refinement = "contour"
 ) -> tuple[NDArray[np.int64], Float64, Float64]:
-    """Find the markers in an image.
+    """Find the markers in gray codes, (H, W): numbers, corners and scores as in `Detections`.
 
-    By default, corners are the intersections of lines fitted to the markers' sides. Images narrower
-    than 640 px are enlarged four times.
-
-    Parameters
-    ----------
-    gray
-        (H, W) codes.
-    dictionary
-        OpenCV's name of the dictionary.
-    count
-        Number of markers on the page; detections with this number or above are false.
-
-    Returns
-    -------
-    number
-        (M,) their numbers, ascending; a number seen twice is left out.
-    corners_px
-        (M, 4, 2) px, from the corner of the image.
-    score
-        (M,) as in `Detections`.
+    Numbers ascend; a number seen twice, or not below `count`, is left out. With "contour", corners
+    are intersections of lines fitted to the markers' sides. Images narrower than 640 px are
+    enlarged.
     """
     times = _ENLARGED if gray.shape[1] < _SMALL_PX else 1
     large = cv2.resize(gray, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
@@ -121,22 +94,11 @@ def detect(
 ) -> Detections:
     """Find the markers in images of a recording, at times evenly spaced along the slider's travel.
 
-    Parameters
-    ----------
-    source
-        "frame" for the frames, "hf" for images of the high-pass filter, with the defaults of its
-        authors, or "ei" for the first frame plus all events since.
-    max_speed_mps
-        Leave out times at which the slider is faster, m/s.
-    contrast_threshold
-        C for "ei", log units; by default the simulated sensor's.
-    blur_px
-        Standard deviation of the Gaussian blur of each image before detection, px; 0 is no blur.
-        With it, the latency of "ei" images is the photoreceptor's mean delay: a corner is where the
-        image is halfway between dark and light, which is the median delay after a sharp step, and
-        the mean delay in an evenly blurred edge. The corners themselves get less exact. Frames are
-        blurred in their codes, in which corners are located: blurred in light, an edge would move
-        toward the dark.
+    `contrast_threshold` is C for "ei", log units; by default the simulated sensor's. `blur_px` is
+    the standard deviation of a Gaussian blur, with which the latency of "ei" images is the
+    photoreceptor's mean delay. A corner is where the image is halfway between dark and light: that
+    is the median delay after a sharp step, and the mean delay in an evenly blurred edge. Frames are
+    blurred in their codes: blurred in light, an edge would move toward the dark.
     """
     page, camera = recording.page, recording.camera
     check_positive("images", images, RigError)
@@ -188,8 +150,7 @@ def _frames(recording: RigRecording, images: int, max_speed_mps: float) -> Pictu
 class _Integration:
     """Event integration: a first frame in log light, plus C of its polarity for each event since.
 
-    After an event the light goes on in its direction, by C / 2 on average before the next one: that
-    is added too, or edges would be late by the time in which they change the light by C / 2.
+    Half a threshold in the direction of each pixel's last event is added, or edges would be late.
     """
 
     def __init__(self, log_frame: Float64, from_us: int, C_on: float, C_off: float) -> None:
@@ -251,10 +212,7 @@ def _contrast(gray: NDArray[np.uint8], corners_px: Float64) -> float:
 
 
 def write_detections(path: Path, detections: Detections, *, overwrite: bool = True) -> None:
-    """Write markers as Parquet, one row for each corner.
-
-    The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
-    """
+    """Write a Parquet row per corner: t_us, id, corner (0 to 3), u_px, v_px, score and source."""
     import pyarrow as pa  # here, as it loads slowly
     import pyarrow.parquet as pq
 

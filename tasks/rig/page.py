@@ -46,18 +46,11 @@ _WHITE = 0.25  # smallest white margin around a marker, as a fraction of its sid
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page: its size, and where its markers and its picture are.
+    """The size of a page, and where its markers and its picture are.
 
-    All positions are in meters from the page's top left corner, x to the right and y down.
-
-    Parameters
-    ----------
-    dictionary
-        OpenCV's name of the markers' dictionary.
-    dot_m
-        Side of a printed dot, a pixel of the page's image.
-    markers_m
-        Left and top of each marker, in the order of the markers' numbers in the dictionary.
+    Positions are from the page's top left corner, x to the right and y down. `dot_m` is the side of
+    a printed dot, a pixel of the page's image. `picture_m` has left, top, right and bottom,
+    `markers_m` left and top of each marker, in the order of the numbers in OpenCV's `dictionary`.
     """
 
     width_m: float
@@ -90,10 +83,8 @@ def markers(dictionary: str) -> cv2.aruco.Dictionary:
 def lay_out(settings: PageSettings) -> Page:
     """Place the picture in the middle of a page, and markers around it, all on whole dots.
 
-    Returns
-    -------
-    The page. A marker's cells are whole dots, so its side differs from the settings by up to half a
-    dot per cell.
+    A marker's cells are whole dots, so its side differs from the settings by up to half a dot per
+    cell.
     """
     dictionary = markers(settings.dictionary)
     dot_m = INCH_M / settings.dpi
@@ -148,13 +139,7 @@ def _centered(low: int, high: int, side: int, pitch: int) -> NDArray[np.intp]:
 
 
 def draw(page: Page, settings: PageSettings, folder: Path) -> NDArray[np.uint8]:
-    """Draw a page as it is sent to the printer.
-
-    Returns
-    -------
-    image
-        (H, W) 8-bit sRGB codes of the reflectance relative to the paper's.
-    """
+    """Draw a page for the printer: (H, W) 8-bit sRGB codes of its reflectance over the paper's."""
     image = np.ones((_dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)), np.float32)
     left, top, right, bottom = (_dots(edge, page.dot_m) for edge in page.picture_m)
     shape = bottom - top, right - left
@@ -203,13 +188,7 @@ def check_print(path: Path) -> None:
 def write_print(
     path: Path, image: NDArray[np.uint8], page: Page, *, overwrite: bool = True
 ) -> None:
-    """Write the page's image as PNG or PDF, at its printed size.
-
-    Parameters
-    ----------
-    image
-        (H, W) image of the page, as `draw` returns it.
-    """
+    """Write a page's image, as `draw` returns it, as PNG or PDF at its printed size."""
     dpi = INCH_M / page.dot_m
     with new_file(path, overwrite=overwrite) as new:
         Image.fromarray(image).save(new, path.suffix[1:], dpi=(dpi, dpi), quality=98)
@@ -226,12 +205,7 @@ def read_page(path: Path) -> Page:
 
 
 def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
-    """Read the image of a page.
-
-    Returns
-    -------
-    (H, W) image, as `draw` returns it.
-    """
+    """Read the image of a page, as `draw` returns it."""
     return read_gray(path, (_dots(page.width_m, page.dot_m), _dots(page.height_m, page.dot_m)))
 
 

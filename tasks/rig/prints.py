@@ -36,14 +36,10 @@ _SAME_FIELD = 1.1  # ratio of the widths of two fields, on the page
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A time window of constant speed at a place.
+    """A time window of constant speed at a place, and the encoder's readings at its ends.
 
-    Parameters
-    ----------
-    visit
-        2 n on the carriage's way there, for the nth time from 0, and 2 n + 1 on its way back.
-    x_m
-        The encoder's readings then, m.
+    `visit` is 2 n on the carriage's way there, for the nth time from 0, and 2 n + 1 on its way
+    back.
     """
 
     place: int
@@ -67,14 +63,8 @@ class Window:
 class Way:
     """Which part of the print is in the middle of a crop at each position of its slider.
 
-    Parameters
-    ----------
-    pose
-        The crop's camera.
-    begin_m, slope
-        Position along the print at the slider's 0, m, and change with that of the slider.
-    span_m
-        First and last position along the print during the events, m.
+    The position along the print is `begin_m` at the slider's 0 and changes by `slope` times the
+    slider's change. `span_m` is its range during the events.
     """
 
     slider: Slider
@@ -103,15 +93,7 @@ class Way:
         return np.asarray((np.asarray(position_m) - self.begin_m) / self.slope)
 
     def windows(self, places_m: Float64, travel_m: float) -> list[Window]:
-        """Return the windows of constant speed, in the order of their starts.
-
-        Parameters
-        ----------
-        places_m
-            (K,) positions along the print, m.
-        travel_m
-            Travel in a window, m; a place is in its middle.
-        """
+        """Return the windows of constant speed around places, in the order of their starts."""
         half_m = 0.5 * travel_m / self.pose.scale
         moves_m = np.abs(np.diff(self.slider.x_m))
         step = float(moves_m[moves_m > 0].min()) / (2 * half_m)
@@ -136,8 +118,7 @@ class Way:
 def _passes(slider: Slider, low_m: float, high_m: float) -> list[tuple[float, float, bool]]:
     """Return start and end, us, of each way between two positions, and whether it is upward.
 
-    An encoder that jitters crosses a position several times: the last time before the other
-    position counts, and the first time there.
+    When a jittering encoder crosses a position several times, the crossings next to the way count.
     """
     crossings = sorted(_crossings(slider, low_m) + _crossings(slider, high_m))
     return [(start, end, b > a) for (start, a), (end, b) in pairwise(crossings) if a != b]
@@ -154,17 +135,7 @@ def _crossings(slider: Slider, x_m: float) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Print:
-    """A print, and the places on it.
-
-    Parameters
-    ----------
-    light
-        (H, W) its reflectance.
-    travel_m
-        Travel in a window, m.
-    places_m
-        (K,) positions along the print of the middles of windows, m.
-    """
+    """A print: its reflectance, (H, W), and the middles, (K,), of windows of `travel_m` on it."""
 
     page: Page
     light: Float64
@@ -195,34 +166,14 @@ class Print:
 
 
 def are_inside(camera: Camera, points_px: Float64, margin_px: float = 0.0) -> NDArray[np.bool_]:
-    """Return which points are in a camera's image.
-
-    Parameters
-    ----------
-    points_px
-        (..., 2) px.
-    margin_px
-        Least distance from the sides, px.
-
-    Returns
-    -------
-    (...) bool.
-    """
+    """Return which points, (..., 2) px, are in a camera's image by more than a margin."""
     size = np.array([camera.width, camera.height])
     inside = (points_px > margin_px) & (points_px < size - margin_px)
     return np.asarray(np.all(inside, axis=-1))
 
 
 def prints_of(crops: Mapping[Path, Cropped], places: int, travel_m: float) -> dict[str, Print]:
-    """Return the print of each picture.
-
-    Parameters
-    ----------
-    places
-        Number of places, evenly spaced over the part of the print that all its crops pass.
-    travel_m
-        Travel in a window, m.
-    """
+    """Return the print of each picture, with places evenly along the part that all crops pass."""
     scenes: dict[str, dict[Path, Cropped]] = {}
     for folder, cropped in crops.items():
         scenes.setdefault(cropped.scene, {})[folder] = cropped

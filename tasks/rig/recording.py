@@ -42,10 +42,7 @@ def recorded_files(folder: Path) -> list[Path]:
 
 
 class RigRecording:
-    """A recording; events and images are read when they are needed.
-
-    The readings of the slider are on the clock of the events.
-    """
+    """A recording; it reads events and images when needed. Its slider is on the events' clock."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -120,14 +117,10 @@ def thresholds_of(file: Path, given: float | None) -> tuple[float, float]:
 
 
 def on_clock_of_events(slider: Slider, file: Path, triggers: Callable[[], Triggers]) -> Slider:
-    """Return readings on the clock of the events.
+    """Return readings on the clock of the events, from edges in triggers.csv that both clocks time.
 
-    Parameters
-    ----------
-    file
-        triggers.csv: a line for each edge with its time on the slider's clock, `slider_us`, and on
-        the events' clock, `t_us`. Without a column `t_us`, the edges are the rising ones in the
-        file of events, in the same order.
+    Without its column `t_us`, the edges are the rising edges in the file of events, in the same
+    order.
     """
     columns = read_columns(file, ("slider_us",), optional=("t_us",))
     slider_us, t_us = columns["slider_us"], columns.get("t_us")

@@ -37,27 +37,11 @@ def _check_beside(field: str, name: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
-    """The print: a picture with markers around it.
+    """The print: a picture in the middle of a page, with markers around it.
 
-    Parameters
-    ----------
-    width_m, height_m
-        Size of the page, m.
-    picture
-        A procedural picture (`tasks.rig.page.PICTURES`), or the name of an image file beside
-        rig.toml.
-    picture_width_m, picture_height_m
-        Size of the picture in the middle of the page, m.
-    marker_m
-        Side of a marker, m.
-    marker_pitch_m
-        Distance from one marker to the next, m.
-    dictionary
-        OpenCV's name of the markers' dictionary.
-    dpi
-        Printed dots per inch.
-    seed
-        Seed of a procedural picture.
+    `picture` is a procedural picture (`tasks.rig.page.PICTURES`) with a `seed`, or the name of an
+    image file beside rig.toml. `marker_m` is the side of a marker, and `marker_pitch_m` the
+    distance from one marker to the next. `dictionary` is OpenCV's name of the markers' dictionary.
     """
 
     width_m: float
@@ -87,18 +71,8 @@ class PageSettings:
 class SliderSettings:
     """The strokes of the virtual slider: there and back, once at each speed.
 
-    Parameters
-    ----------
-    travel_m
-        Length of a stroke, m.
-    speeds_mps
-        Speeds of the strokes, m/s.
-    acceleration_mps2
-        Acceleration at the start and the end of each stroke, m/s^2.
-    pause_s
-        Time at rest before each stroke and after the last, s.
-    direction
-        Direction of travel in the page's axes (right, down, into the page), of any length.
+    It rests for `pause_s` before each stroke and after the last. `direction` is in the page's axes
+    (right, down, into the page), of any length.
     """
 
     travel_m: float
@@ -122,20 +96,10 @@ class SliderSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigCamera:
-    """The intrinsics of the camera: in pixels, or as pixel pitch and focal length.
+    """The intrinsics of the camera: either `fx` in px, or `pitch_um` and `focal_mm`.
 
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    fx, fy
-        Focal lengths, px; `fy` is `fx` by default.
-    cx, cy
-        Principal point, px, (0, 0) at the corner of the first pixel; by default the middle.
-    pitch_um, focal_mm
-        Pixel pitch in micrometers and focal length in mm, in place of `fx`.
-    k1, k2, p1, p2, k3
-        Distortion coefficients of the lens, as in OpenCV.
+    The principal point is in px from the corner of the first pixel, by default the middle; `fy` is
+    `fx` by default. The distortion coefficients are as in OpenCV.
     """
 
     width: int
@@ -174,14 +138,8 @@ class RigCamera:
 class MountSettings:
     """How the virtual camera is held.
 
-    Parameters
-    ----------
-    middle_m
-        Point of the page, from its top left corner, that the camera faces in the middle of a
-        stroke, m; by default the middle of the page.
-    turn_deg
-        Rotation of the camera about its own axes (right, down, forward), in degrees, from facing
-        the page.
+    In the middle of a stroke it faces `middle_m`, from the page's top left corner, by default the
+    page's middle. `turn_deg` is about its own axes (right, down, forward), from facing the page.
     """
 
     middle_m: tuple[float, float] | None = None
@@ -190,19 +148,10 @@ class MountSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigSettings:
-    """The content of rig.toml.
+    """The content of rig.toml; only `eres rig render` needs `slider` and `mount`.
 
-    Parameters
-    ----------
-    page
-        The print.
-    camera
-        The camera's intrinsics.
-    camera_file
-        In place of `camera`: a YAML file in the same folder, from `eres rig intrinsics`, OpenCV or
-        Kalibr.
-    slider, mount
-        The strokes and the mount, for `eres rig render`; a real rig needs neither.
+    In place of `camera`, `camera_file` names a YAML file in the same folder, from `eres rig
+    intrinsics`, OpenCV or Kalibr.
     """
 
     page: PageSettings

@@ -25,23 +25,7 @@ _MOVES = 0.05  # fraction of the highest speed below which the carriage is at re
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slider:
-    """Readings of an encoder; between them the speed is constant.
-
-    Parameters
-    ----------
-    t_us
-        (N,) float64 increasing times, N >= 2, microseconds on the slider's clock.
-    x_m
-        (N,) float64 positions, m.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tasks.rig.slider import Slider
-    >>> slider = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.2]))
-    >>> float(slider.position_m(250_000.0)), float(slider.speed_mps(250_000.0))
-    (0.05, 0.2)
-    """
+    """Readings of an encoder, 2 or more at increasing times; between them the speed is constant."""
 
     t_us: Float64
     x_m: Float64
@@ -91,18 +75,7 @@ class Slider:
     def evenly_along(
         self, count: int, start_us: float, end_us: float, max_speed_mps: float = np.inf
     ) -> NDArray[np.int64]:
-        """Return times at which the carriage moves, evenly spaced along its way.
-
-        Parameters
-        ----------
-        max_speed_mps
-            Leave out motion faster than this, m/s.
-
-        Returns
-        -------
-        t_us
-            (count,) whole microseconds.
-        """
+        """Return `count` times of motion, whole us, evenly spaced along the carriage's way."""
         inside = (self.t_us > start_us) & (self.t_us < end_us)
         t = np.concatenate([[start_us], self.t_us[inside], [end_us]])
         speed = np.abs(self.speed_mps(0.5 * (t[1:] + t[:-1])))
@@ -154,13 +127,9 @@ def read_columns(
 
 
 def strokes(settings: SliderSettings) -> Slider:
-    """Return the motion of the virtual slider: there and back at each speed, with pauses.
+    """Return the motion of the virtual slider from 0 s and 0 m: there and back at each speed.
 
-    Returns
-    -------
-    slider
-        Starts at 0 s and 0 m, with a reading every 0.5 ms and at each change of the acceleration,
-        at whole microseconds.
+    It has a reading every 0.5 ms and at each change of the acceleration, at whole microseconds.
     """
     rest = settings.pause_s, 0.0
     pieces = []  # durations and accelerations

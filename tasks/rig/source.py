@@ -81,12 +81,9 @@ class CropSource(Source):
         yield self.events
 
     def corners(self, count: int) -> tuple[NDArray[np.intp], Float64, Float64]:
-        """Return corners of the print that stay in the crop, and their displacements.
+        """Return numbers, (N,), pixels and displacements, (N, 2), of corners that stay in the crop.
 
-        Returns
-        -------
-        numbers, centers_px, flow_px
-            (N,) numbers of the corners, the same in all crops, (N, 2) px, and (N, 2) px.
+        A corner of the print has the same number in all crops.
         """
         points_m = self.printed.corners_m(self._first.place)[:count]
         start_px, end_px = self._pose.project(points_m, self._first.x_m)

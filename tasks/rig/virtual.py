@@ -58,16 +58,9 @@ min_clearance_m = 0.01
 def true_pose(
     settings: RigSettings, slider: SliderSettings, page: pages.Page, camera: Camera, depth_m: float
 ) -> RigPose:
-    """Return where the virtual camera is.
+    """Return the camera's pose: its axis meets the mount's point in the middle of a stroke.
 
-    Parameters
-    ----------
-    depth_m
-        Distance of the camera from the page in the middle of a stroke, m.
-
-    Returns
-    -------
-    The pose: in the middle of a stroke, the camera's axis meets the point that the mount faces.
+    `depth_m` is the camera's distance from the page there.
     """
     mount = settings.mount
     turn = Rotation.from_euler("XYZ", mount.turn_deg, degrees=True).as_matrix()
@@ -95,15 +88,9 @@ def render_rig(
     """Render what the camera of a virtual rig sees on all strokes, as the folder of a recording.
 
     The events are not in it: `eres simulate DIR/light/continuous --out DIR/events.h5` adds them.
-
-    Parameters
-    ----------
-    depth_m
-        Distance of the camera from the page in the middle of a stroke, m.
-    images
-        Number of images of a frame camera along the way, in addition to one before the start.
-    frame_camera
-        That camera. White in its images is the white level of the light.
+    `depth_m` is the camera's distance from the page in the middle of a stroke. `images` are along
+    the way, in addition to an image before the start; white in them is the white level of the
+    light.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
