@@ -71,9 +71,10 @@ def test_code_is_compiled_once_for_views_of_all_sizes(small_carpet, integrator):
     if select_variant().startswith("scalar"):
         pytest.skip("scalar variants compile nothing")
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        first, again, other = map(code_for, (16, 16, 24))
-    assert len(first) > 4
-    assert other <= first | again
+        small, small_again, large, large_again = map(code_for, (16, 16, 24, 24))
+    assert len(small & small_again) > 4
+    # Code of one run alone depends on where its arrays are, not on the size of the view.
+    assert large & large_again <= small | small_again
 
 
 def test_a_sequence_is_one_line(uninterrupted):
