@@ -46,12 +46,9 @@ def is_installed(module: str) -> bool:
 
 
 def advice(error: BaseException | None, job: str | None = None) -> str | None:
-    """Return one line for an error, or for what caused it, if that is a missing package.
+    """Return a line of advice if an error, or its cause, is a missing package.
 
-    Parameters
-    ----------
-    job
-        The extra to name if it has the package; by default the first that has it.
+    It names the extra `job` if that has the package, otherwise the first extra that has it.
     """
     while error is not None:
         if isinstance(error, ModuleNotFoundError) and error.name in _NAMES:

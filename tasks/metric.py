@@ -71,11 +71,8 @@ class Metric:
 def number_text(value: float, decimals: int, sign: str = "", *, keeps_minus: bool = False) -> str:
     """Format a number with a true minus sign, and without one on zero.
 
-    Parameters
-    ----------
-    keeps_minus
-        Whether a negative number that rounds to zero has a minus sign, as in "−0.00"; not if it is
-        only the rounding error of a difference.
+    With `keeps_minus`, a negative number that rounds to zero is "−0.00", unless it is only the
+    rounding error of a difference.
     """
     z = "" if keeps_minus and abs(value) > LAST_BITS else "z"
     return f"{value:{sign}{z}.{decimals}f}".replace("-", "−")

@@ -13,15 +13,7 @@ from sensor.formats.header import Value
 
 
 def in_text(name: str) -> str:
-    """Return the name of a file with U+FFFD for bytes that are not UTF-8, as no text can hold them.
-
-    Examples
-    --------
-    >>> import os
-    >>> from tasks.origin import in_text
-    >>> in_text(os.fsdecode(b"caf\\xe9.npz")) == "caf\\N{REPLACEMENT CHARACTER}.npz"
-    True
-    """
+    """Return a file's name with U+FFFD for bytes that are not UTF-8, as no text can hold them."""
     return os.fsencode(name).decode("utf-8", "replace")
 
 
@@ -53,9 +45,7 @@ def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value
 def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: float = 1.0) -> int:
     """Return how far the events of a sequence were shifted since, as by `eres convert --shift-us`.
 
-    Returns
-    -------
-    Microseconds; 0 if the events are of another sequence, such as another stretch of the path.
+    It is 0 if the events are of another sequence, such as another stretch of the path.
     """
     then = origin_of(sequence, speed)
     window_us = [origin.get("window_start_us"), origin.get("window_end_us")]

@@ -103,10 +103,7 @@ def differing_software(environments: Sequence[Mapping[str, str]]) -> dict[str, s
 
 
 def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Join the environments of several processes: where values differ, all are listed.
-
-    The result can be joined with further environments.
-    """
+    """Join environments of processes, or joined environments, listing all values that differ."""
     values: dict[str, dict[str, None]] = {}
     for name, value in chain.from_iterable(each.items() for each in environments):
         values.setdefault(name, {}).update(dict.fromkeys(value.split(_BETWEEN)))
@@ -114,10 +111,7 @@ def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Check that a job is rendered with the Mitsuba and the device of the finished jobs.
-
-    Another version or device draws other random numbers or rounds differently.
-    """
+    """Refuse a Mitsuba version or device that no finished job had, as numbers would change."""
     for name in (MITSUBA, VARIANT):
         if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):
             raise StudyError(

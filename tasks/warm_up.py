@@ -26,19 +26,10 @@ def needed_s(
     base_s: float = WARM_UP_S,
     time_constants: float = TIME_CONSTANTS,
 ) -> float:
-    """Return how long a sensor has to see the path before its window.
+    """Return how long a sensor has to see the path before its window, s of the path.
 
-    Parameters
-    ----------
-    cutoff_hz
-        Corner frequency of each of the photoreceptor's poles; inf needs the base.
-    base_s
-        Lower bound, s of the path. It lets an ideal pixel's memory forget where it started.
-
-    Returns
-    -------
-    seconds
-        Of the path.
+    It is at least `base_s`, which lets an ideal pixel's memory forget where it started. `cutoff_hz`
+    is the corner frequency of each of the photoreceptor's poles.
     """
     filter_s = time_constants * speed / (2 * math.pi * cutoff_hz)
     return base_s if filter_s <= base_s + _TIME_RESOLUTION_S else filter_s
@@ -53,10 +44,7 @@ def warn_of_frames(
 ) -> None:
     """Warn if frames are far apart, or a sensor's events at the window depend on their start.
 
-    Parameters
-    ----------
-    windows_before
-        Number of windows of the same length before the window whose events are used too.
+    Events of `windows_before` windows before the window are used too.
     """
     from eres_render.trajectory.frame_times import warn_if_far_apart  # SciPy slows down `--help`
 

@@ -316,8 +316,7 @@ def _sensor(view: View, camera: EventCamera, cutoffs_hz: Sequence[float]) -> Sen
 def _events_per_px(width: int, lag: float) -> Iterator[float]:
     """Yield the events of a pixel while the image moves by a pixel, by stored scene.
 
-    Each is the median of the windows with the nearest lags at the nearest width. Scenes whose lags
-    are all smaller have none.
+    Scenes whose lags are all smaller than `lag` yield nothing.
     """
     scenes: defaultdict[str, list[tuple[float, float]]] = defaultdict(list)
     for window in stored_windows():

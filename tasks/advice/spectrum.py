@@ -191,10 +191,7 @@ class MovingImage:
 
 
 def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) -> float:
-    """Return the mean square of the light of pixels that it makes fire on its path.
-
-    The light of other pixels changes by less than the threshold: they have no events to round.
-    """
+    """Return the mean squared light, 0 at pixels that never fire: they have no events to round."""
     stride = max(1, image.shape[1] // _SAMPLES)
     rows, columns = (np.arange(0, side, stride) for side in image.shape)
     log_light = np.log(image + DARK_SHARE)
@@ -225,12 +222,11 @@ def _taper(count: int) -> Floats:
 
 
 def _enlarged(fine: int, coarse: int, k: Floats) -> tuple[Floats, Floats, Floats, float]:
-    """Return what pixels of a coarse sensor, enlarged to a fine one, pass along an axis.
+    """Return what pixels of a coarse sensor, enlarged to a fine sensor, pass along an axis.
 
-    Returns
-    -------
-    For each frequency k, cycles per fine px: the response of a pixel; of the enlargement; its power
-    with all aliases; and the gain of the mean square of what differs from pixel to pixel.
+    At each `k`, cycles per fine px: the response of a pixel, the response of the enlargement, and
+    its power with all aliases; also the gain of the mean square of what differs from pixel to
+    pixel.
     """
     pitch = fine / coarse
     box = np.sinc(pitch * k) / np.sinc(k)
@@ -252,10 +248,7 @@ def _enlarged(fine: int, coarse: int, k: Floats) -> tuple[Floats, Floats, Floats
 def _memory_px(power: Floats, w: Floats, mean_square: float) -> float:
     """Return the length of a pole, px, whose input is ahead of its output by a mean square.
 
-    Parameters
-    ----------
-    power
-        Of the input, at each of w, radians per px.
+    `power` is the spectrum of the input at each `w`, radians per px.
     """
     low, high = 1e-6, 1e6  # half a thousandth of a mean square is no error; nothing is left
     for _ in range(50):

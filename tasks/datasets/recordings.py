@@ -38,23 +38,9 @@ _ORIGIN = ("scene", "clip", "frames_width", "frames_height")
 class DatasetRecording:
     """An event file, its clip and its ground truth; no file stays open.
 
-    Parameters
-    ----------
-    path
-        DSEC file.
-    window_us
-        Start and end of the part to use, microseconds on the clock of the events: the window of the
-        clip, or the whole file.
-    window_events
-        Numbers of the first event of the window and of the one after it.
-    truth_us
-        Times of the ground truth; empty if there is none.
-    clip
-        Folder of the frames; None if there is none.
-    targets
-        Names of the available targets. Without moving objects there are no `instances`.
-    size_px
-        Width and height of the sensor.
+    `window_us` is the window of the clip, or the whole file, on the clock of the events;
+    `window_events` are the numbers of its first event and of the next event after it. Without
+    moving objects, `targets` lacks `instances`. `size_px` is (width, height).
     """
 
     path: Path

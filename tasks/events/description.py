@@ -16,13 +16,7 @@ from tasks.events.reading import AS_STORED, ReadOptions
 def describe(
     path: Path, *, format: str | None = None, reading: ReadOptions = AS_STORED
 ) -> dict[str, str]:
-    """Describe an event file; reads all of it.
-
-    Parameters
-    ----------
-    reading
-        How to read it. Without a size, its events may have any position.
-    """
+    """Describe an event file, which is read as a whole; without a size, events may be anywhere."""
     header = read_header(path, format=format, topic=reading.topic)
     note = "" if header.width is not None else " as given, size not stored"
     sensor = "{}x{} px".format(*(reading.size or (header.width, header.height))) + note
@@ -55,12 +49,7 @@ def describe(
 
 
 def seconds(t_us: int) -> str:
-    """Write microseconds as seconds with all digits.
-
-    >>> from tasks.events.description import seconds
-    >>> seconds(1600000000123456)
-    '1600000000.123456'
-    """
+    """Write microseconds as seconds with all digits."""
     sign, whole = "-" if t_us < 0 else "", abs(t_us)
     return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
 

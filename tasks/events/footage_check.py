@@ -32,18 +32,9 @@ Float32 = NDArray[np.float32]
 class FootageCheck:
     """Looks at a few intervals of footage while it is simulated, and warns of what it finds.
 
-    Parameters
-    ----------
-    footage
-        The footage, without frames in between.
-    seen
-        Rows and columns that the sensor sees.
-    model
-        The sensor.
-    speed
-        Factor by which the scene moves faster than in the frames.
-    with_between
-        Whether the simulation has frames in between, so that no events are lost.
+    `footage` has no frames in between; `with_between` says whether the simulation has them. `seen`
+    are the rows and columns that the sensor sees. The scene moves `speed` times as fast as in the
+    frames.
     """
 
     def __init__(

@@ -15,8 +15,8 @@ _OF_FRAMES = {".json", ".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".csv",
 def check_new(path: Path, overwrite: bool, *sources: Path) -> None:
     """Refuse to replace a file, a file that is read, or something other than a file.
 
-    A link is replaced, not what it points to. What a process left that was killed as it wrote the
-    file is removed, or named in a warning.
+    A link is replaced, not its target. What a killed process left of the file is removed, or named
+    in a warning.
     """
     clear_unfinished(path.parent, path.name)
     for source in sources:

@@ -98,13 +98,7 @@ class FootageOptions:
     end: float | None = None
 
     def open(self, path: Path) -> RadianceSequence | Footage:
-        """Open the frames to simulate a sensor on.
-
-        Parameters
-        ----------
-        path
-            Folder of a rendered clip, recognized by its manifest; a video; or a folder of images.
-        """
+        """Open the frames of a rendered clip (recognized by its manifest) or of footage."""
         from eres_render import open_sequence
         from tasks.footage import open_footage
 

@@ -99,13 +99,7 @@ def warn_of_fill_factor(frames: RadianceFrames, model: SensorModel) -> None:
 
 
 def seen_part(frames: RadianceFrames, path: Path, model: SensorModel) -> tuple[slice, slice]:
-    """Return the central part of frames that a sensor sees.
-
-    Returns
-    -------
-    rows, columns
-        As of `crop_to_aspect`.
-    """
+    """Return the central rows and columns of frames that a sensor sees."""
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
     height, width = rows.stop - rows.start, columns.stop - columns.start
     if model.height > height or model.width > width:

@@ -28,18 +28,12 @@ def truth_to_add(
 ) -> AddTo:
     """Return a function that adds ground truth to a DSEC file of events.
 
-    The file's group `truth` holds, at times `t_us` (T,) on the events' clock: `T_world_cam`
-    (T, 4, 4), `depth` (T, H, W) in meters, `flow` (T - 1, H, W, 2) in px from each time to the next
-    with `flow_valid` and `flow_occluded` (T - 1, H, W), the camera matrix `K` (3, 3) and, if
-    the camera has a lens, its `distortion` (5,): k1, k2, p1, p2, k3. They are for the view of the
-    sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel of the frames. If N
-    objects move, also `instances` (T, H, W), k for object k and 0 for the still world, and
-    `T_world_object` (N, T, 4, 4) with the attribute `names`.
-
-    Parameters
-    ----------
-    step_s
-        Step between times, seconds of the sequence, from the start of its window to its end.
+    The group `truth` has times `t_us` (T,) on the events' clock, `step_s` of the sequence apart;
+    `T_world_cam` (T, 4, 4); `depth` (T, H, W) in m; `flow` (T - 1, H, W, 2) in px to the next time,
+    with `flow_valid` and `flow_occluded`; `K` (3, 3); and the `distortion` (5,) of a lens, k1, k2,
+    p1, p2, k3. With N moving objects it also has `instances` (T, H, W), k for object k and 0 for
+    the still world, and `T_world_object` (N, T, 4, 4) with the attribute `names`. All are for the
+    view of the sensor, to within half a pixel of the frames.
     """
     if 0 < step_s < 1e-6 * speed:
         step = f"{1e6 * step_s / speed:g} us at speed {speed:g}"
@@ -93,13 +87,7 @@ COPIED = ("truth", "imu")
 
 
 def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> AddTo:
-    """Return a function that adds groups of one DSEC file to another.
-
-    Parameters
-    ----------
-    shift_us
-        Added to their times, microseconds.
-    """
+    """Return a function that copies groups to a DSEC file and adds `shift_us` to their times."""
 
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):

@@ -31,17 +31,10 @@ _READ_NS_PER_PX, _WRITE_NS_PER_EVENT = 20, 80  # of one core: a frame, and an ev
 
 
 class StudyDataset:
-    """A dataset of the sets of a study.
+    """A dataset of the sets of a study, with its first photoreceptor, simulated exactly.
 
-    Parameters
-    ----------
-    study
-        Scenes, frames, sensors, lights and speeds; its first photoreceptor, exact.
-    seconds
-        Length of each set along the path, from its start, s; a warm-up for the slowest sensor at
-        the highest speed comes before.
-    truth_step_s
-        Time between the images of the ground truth, s of the path.
+    A set is `seconds` of the path from its start, after a warm-up for the slowest sensor at the
+    highest speed. Images of the ground truth are `truth_step_s` of the path apart.
     """
 
     def __init__(self, study: Study, seconds: float, truth_step_s: float) -> None:
@@ -98,8 +91,8 @@ class StudyDataset:
     def make(self, out: Path, on_progress: Progress = silent) -> list[Path]:
         """Make the sets that do not exist yet, and return the files of all.
 
-        A scene is a folder of frames, `out/SCENE`, and a set a file in it, which gets its name only
-        when it is complete. Frames that exist are kept.
+        A scene is a folder of frames, and a set is a file in it that is named only when it is
+        complete.
         """
         claim_table(self._table, out)
         try:

@@ -105,12 +105,8 @@ def _make_view(
 ) -> float:
     """Make the files of one camera, and return the radiance of white.
 
-    Parameters
-    ----------
-    source
-        Path of the scene relative to the folder, so that both can be moved.
-    white_level
-        Radiance of white of the first camera, for the second one; None for the first.
+    `white_level` is the radiance of white of the first camera, for the second camera. `source` is
+    the path of the scene relative to the folder, so that both can be moved.
     """
     is_first = white_level is None
     on_frame, on_simulation = part(on_progress, 0.1, 0.6), part(on_progress, 0.7, 0.3)

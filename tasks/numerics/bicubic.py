@@ -11,15 +11,9 @@ _TOGETHER = 64  # points at a time, so that their pixels stay in the L1 cache
 
 @jit_contract
 def sample(image, x_px, y_px):
-    """Interpolate an image and its gradient at a point.
+    """Interpolate an image (H, W) and its gradient at a point, by Catmull-Rom in both directions.
 
-    Catmull-Rom in both directions, so the gradient is continuous. Outside the image, the outermost
-    pixels are repeated.
-
-    Parameters
-    ----------
-    image
-        (H, W) float64.
+    The gradient is continuous. Outside the image, the outermost pixels are repeated.
     """
     height, width = image.shape
     column, row = x_px - 0.5, y_px - 0.5
@@ -41,18 +35,10 @@ def sample(image, x_px, y_px):
 
 @jit_contract
 def sample_all(image, x_px, y_px, out):
-    """Interpolate an image and its gradient at many points.
+    """Interpolate an image (H, W) as `sample`, at (N,) points, pixel centers at integers + 0.5.
 
-    As `sample`, but faster: pixels are read before the arithmetic, which is then vectorized.
-
-    Parameters
-    ----------
-    image
-        (H, W) float64.
-    x_px, y_px
-        (N,) the points, with pixel centers at integers + 0.5.
-    out
-        (3, N) value, d/dx, d/dy, written.
+    `out` (3, N) gets the value, d/dx and d/dy. Pixels are read before the arithmetic, which is then
+    vectorized.
     """
     pixels, f = np.empty((16, _TOGETHER)), np.empty((2, _TOGETHER))
     for start in range(0, x_px.size, _TOGETHER):

@@ -43,13 +43,7 @@ class Estimate(NamedTuple):
 
 
 def poisson_rate(count: float, exposure: float, dispersion: float = 1.0) -> Estimate:
-    """Estimate a rate from a count.
-
-    Parameters
-    ----------
-    dispersion
-        Variance over mean of the counts that were added up, 1 for a Poisson process.
-    """
+    """Estimate a rate from a count with `dispersion`, variance over mean (1 for Poisson)."""
     alone = count / dispersion
     low = stats.chi2.ppf(0.025, 2 * alone) / 2 if alone > 0 else 0.0
     high = stats.chi2.ppf(0.975, 2 * alone + 2) / 2
@@ -65,19 +59,7 @@ def share(count: int, total: int) -> Estimate:
 
 
 def tiles_of(pixel: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Return the tile of each pixel.
-
-    Parameters
-    ----------
-    pixel
-        (N,) numbers of the pixels, row by row.
-    width
-        Width of the sensor, px.
-
-    Returns
-    -------
-    (N,) int64
-    """
+    """Return the tile of each pixel, (N,); pixels and tiles are numbered row by row."""
     y, x = np.divmod(pixel, width)
     return y // TILE_PX * -(-width // TILE_PX) + x // TILE_PX
 
@@ -85,16 +67,7 @@ def tiles_of(pixel: NDArray[np.int64], width: int) -> NDArray[np.int64]:
 def units(pixel: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     """Return what a bootstrap draws: tiles, or pixels if the data are of fewer than eight tiles.
 
-    Parameters
-    ----------
-    pixel
-        (N,) number of the pixel of each datum.
-    width
-        Width of the sensor, px.
-
-    Returns
-    -------
-    (N,) numbers from 0 up
+    `pixel` (N,) is the pixel of each datum; the result is (N,), numbered from 0.
     """
     tiles, unit = np.unique(tiles_of(pixel, width), return_inverse=True)
     return unit if len(tiles) >= _MIN_TILES else np.unique(pixel, return_inverse=True)[1]
@@ -105,12 +78,8 @@ def bootstrap(
 ) -> list[Estimate]:
     """Resample tiles with replacement (Efron and Tibshirani 1993), from a fixed seed.
 
-    Parameters
-    ----------
-    sums
-        (tiles, K) sums over the data of each tile; the answer depends only on their total.
-    answer
-        Returns the (A,) numbers to estimate from a (K,) total.
+    `sums` (tiles, K) are over the data of each tile; `answer` takes their total (K,) to numbers
+    (A,).
     """
     rng = np.random.default_rng(0)
     tiles = len(sums)
@@ -122,12 +91,9 @@ def bootstrap(
 
 
 def lowest(x: NDArray[np.number], y: NDArray[np.float64]) -> float:
-    """Return where a parabola through the lowest point and its neighbors is lowest.
+    """Return where a parabola through the lowest of (N,) points and its neighbors is lowest.
 
-    Parameters
-    ----------
-    x, y
-        (N,) coordinates of the points; x ascends. A lowest point at an end is returned itself.
+    `x` ascends. A lowest point at an end is returned itself.
     """
     k = int(np.argmin(y))
     if not 0 < k < len(x) - 1:

@@ -299,10 +299,7 @@ def check_tracked(
 ) -> None:
     """Refuse speeds at which tracking lacks frames of its window or poses after it.
 
-    Parameters
-    ----------
-    left_s
-        What is left of the scene's path when the last window starts, at base speed.
+    `left_s` is what is left of the path at base speed when the last window starts.
     """
     for what, length_s, needed_s in (
         ("in a window", render.window_s, PATH_S + delay_s),

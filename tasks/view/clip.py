@@ -28,14 +28,8 @@ _TRUTH_WIDTH = 640  # px; a ray is cast for every pixel
 class TimedFrames:
     """Frames of a rendered clip or of footage, by time on the clock of events.
 
-    Parameters
-    ----------
-    frames
-        The clip or the footage.
-    speed
-        Factor by which the scene moved faster for the events than in the frames.
-    shift_us
-        How far the events were shifted since, us.
+    For the events, the scene moved `speed` times as fast. `shift_us` is how far they were shifted
+    since.
     """
 
     def __init__(self, frames: RadianceSequence | Footage, speed: float, shift_us: int = 0) -> None:
@@ -70,12 +64,7 @@ class TimedFrames:
         return self._offset_us + int(first_us), self._offset_us + int(last_us)
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
-        """Return the times from which frames are shown.
-
-        Returns
-        -------
-        Ascending times, us, from the frame shown at the start, or from the first frame.
-        """
+        """Return the ascending times from which frames are shown, from the frame at the start."""
         first = self._index_at(start_us)
         last = max(first + 1, int(np.searchsorted(self._times_us, end_us)))
         return self._times_us[first:last].tolist()
@@ -88,19 +77,7 @@ class TimedFrames:
         return max(0, int(np.searchsorted(self._times_us, t_us, side="right")) - 1)
 
     def seen_by(self, width: int, height: int, t_us: int) -> Picture:
-        """Return what a sensor of a given size sees at a time.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        t_us
-            The time on the clock of the events, us.
-
-        Returns
-        -------
-        (height, width, 3) uint8.
-        """
+        """Return what a sensor of a given size, px, sees at a time: (height, width, 3)."""
         frame = self.at(t_us)
         rows, columns = crop_to_aspect(frame.shape[0], frame.shape[1], height, width)
         how = Resampling.BOX if width < frame.shape[1] else Resampling.BILINEAR

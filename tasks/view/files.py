@@ -30,13 +30,7 @@ def possible_fps(kind: str, fps: float) -> float:
 
 
 def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
-    """Write an H.264 video.
-
-    Parameters
-    ----------
-    pictures
-        (H, W, 3) uint8 each, H and W even.
-    """
+    """Write an H.264 video of (H, W, 3) uint8 pictures, H and W even."""
     import av
     from av.video.reformatter import ColorRange, Colorspace
 
@@ -65,13 +59,7 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
 
 
 def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
-    """Write an animated GIF that repeats.
-
-    Parameters
-    ----------
-    pictures
-        (H, W, 3) uint8 each.
-    """
+    """Write an animated GIF of (H, W, 3) uint8 pictures that repeats."""
     # One palette for all pictures, so that colors do not flicker.
     some = list(islice(pictures, _PALETTE_PICTURES))
     events = _event_colors()
@@ -97,26 +85,14 @@ def _event_colors() -> Picture:
 
 
 def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
-    """Write an animated WebP that repeats.
-
-    Parameters
-    ----------
-    pictures
-        (H, W, 3) uint8 each.
-    """
+    """Write an animated WebP of (H, W, 3) uint8 pictures that repeats."""
     images = map(Image.fromarray, pictures)
     options = {"duration": round(1000 / fps), "loop": 0, "quality": _WEBP_QUALITY, "method": 4}
     next(images).save(path, "WEBP", save_all=True, append_images=images, **options)
 
 
 def write_png(path: Path, pictures: Iterator[Picture], _: float) -> None:
-    """Write one picture.
-
-    Parameters
-    ----------
-    pictures
-        Its only picture, (H, W, 3) uint8.
-    """
+    """Write the only picture, (H, W, 3) uint8."""
     Image.fromarray(next(pictures)).save(path, "PNG", optimize=True)
 
 

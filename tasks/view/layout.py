@@ -24,15 +24,7 @@ _OPACITY = np.arange(256)[:, None] / 255
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One source at one time.
-
-    Parameters
-    ----------
-    picture
-        (H, W, 3) uint8.
-    title, detail
-        Two lines of caption: what the picture shows, and its numbers at this time.
-    """
+    """One source at one time: a picture (H, W, 3), what it shows, and its numbers at this time."""
 
     picture: Picture
     title: str
@@ -42,15 +34,8 @@ class Panel:
 class Layout:
     """Scales pictures of several sizes to one height, and draws their captions and a footer.
 
-    Parameters
-    ----------
-    sizes
-        Width and height of each picture, px.
-    most
-        Largest width and height of the result without captions, px, if no height is given.
-    height
-        Height of the pictures, px; by default that of the tallest, or a multiple of it for small
-        sensors.
+    `sizes` are (width, height), px. If no `height` of the pictures is given, it is the height of
+    the tallest, or a multiple of it for small sensors, and the result without captions fits `most`.
     """
 
     def __init__(
@@ -73,12 +58,7 @@ class Layout:
         self._text_px = self._page_px = 0  # measured on the first picture
 
     def draw(self, panels: Sequence[Panel], footer: str) -> Picture:
-        """Draw panels.
-
-        Returns
-        -------
-        (H, W, 3) uint8. H and W are the same each time, and even, as videos require.
-        """
+        """Draw panels over a footer: (H, W, 3), H and W constant, and even as videos require."""
         if not self._text_px:
             self._measure(panels, footer)
         line = round(1.4 * self._text_px)

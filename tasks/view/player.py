@@ -49,13 +49,7 @@ _TEMPLATES = Environment(
 def write_player(
     path: Path, subject: Subject, window_ms: float, on_progress: Progress, *, overwrite: bool
 ) -> None:
-    """Write the page of files of events.
-
-    Parameters
-    ----------
-    window_ms
-        Initial length of the window of events, ms.
-    """
+    """Write the page of files of events, with an initial window of `window_ms`."""
     sources, span_us = subject.event_sources, (subject.start_us, subject.end_us)
     if span_us[1] - span_us[0] >= 1 << 32:
         raise TaskError(f"{path}: a page holds at most 71 minutes; give --start and --end")
@@ -129,8 +123,8 @@ def pack_frames(
 ) -> list[dict[str, Any] | None]:
     """Return the frames behind files of events for a page that shows [start, end), us.
 
-    They are few enough, and small enough, for a browser. Each has the time from which it is shown,
-    us after the start of the page.
+    They are few and small enough for a browser. Each has the time from which it is shown, us after
+    the start of the page.
     """
     sizes = [_size(source) for source in sources if source.frames is not None]
     pixels = sum(width * height for width, height in sizes)

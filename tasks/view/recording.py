@@ -33,13 +33,9 @@ def write_recording(
 ) -> None:
     """Log frames, poses, true depth and flow of clips, and pictures and points of events.
 
-    Everything is on the timeline "time". The point of an event has its column, its row and its age,
-    scaled so that the oldest event is as far away as the sensor is wide.
-
-    Parameters
-    ----------
-    times_us
-        Ascending times at which all sources are logged, us.
+    All sources are logged at the ascending `times_us`, on the timeline "time". The point of an
+    event has its column, its row and its age, scaled so that the oldest event is as far away as the
+    sensor is wide.
     """
     latest_us = max(map(abs, times_us), default=0)
     if latest_us >= _MAX_US:

@@ -98,13 +98,7 @@ Source = EventSource | ClipSource
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The sources to show, and the time that they cover together.
-
-    Parameters
-    ----------
-    start_us, end_us
-        The part of their time that is shown, us.
-    """
+    """The sources to show, and the part of the time that they cover together, us."""
 
     sources: tuple[Source, ...]
     start_us: int

@@ -31,12 +31,8 @@ from tasks.study.results.words import join_words
 class Claim(ABC):
     """A claim in words. Subclasses judge it.
 
-    Attributes
-    ----------
-    why
-        What decides, in a sentence.
-    note
-        How the paper is read where it contradicts itself, and what else a reader should know.
+    `why` says what decides, in a sentence. `note` says how the paper is read where it contradicts
+    itself, and what else a reader should know.
     """
 
     number: int
@@ -47,20 +43,7 @@ class Claim(ABC):
 
     @abstractmethod
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-        """Judge the claim.
-
-        Parameters
-        ----------
-        scores
-            The run's scores.
-        scaling
-            The run's scaling statistics by scene.
-
-        Returns
-        -------
-        Verdict
-            Whether the claim holds, with our numbers and the paper's.
-        """
+        """Judge the claim by a run's scores, and its scaling statistics by scene."""
 
     def verdict(
         self,
@@ -71,17 +54,7 @@ class Claim(ABC):
         likeness: str = "",
         intervals: int = 0,
     ) -> Verdict:
-        """Return the verdict that follows from outcomes.
-
-        Parameters
-        ----------
-        ours, paper
-            Our numbers and the paper's, a line for each scene; or what is missing.
-        likeness
-            On how many scenes our numbers are like the paper's, in words.
-        intervals
-            Number of intervals that could have contradicted the claim.
-        """
+        """Return the verdict that follows from outcomes; texts and intervals as in `Verdict`."""
         note = f"{self.note} {scope}".strip()
         said = self.number, self.title, self.statement, status_of(outcomes), ours, paper, note
         return Verdict(*said, likeness, intervals, self.why)
@@ -249,12 +222,8 @@ def _likeness(scenes: Iterable[bool | None]) -> str:
 def scope_text(only: Collection[str] = (), samples: int | None = None, seeds: int = 1) -> str:
     """Say which scenes and samples a verdict is based on, if some are missing.
 
-    Parameters
-    ----------
-    samples
-        Samples of the scene that has the fewest; None if their number does not matter.
-    seeds
-        Seeds of the scene that has the fewest.
+    `samples` and `seeds` are numbers of the scene with the fewest; `samples` is None if it does not
+    matter.
     """
     parts = [f"Judged on {join_words([*only])} only"] if only else []
     if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:

@@ -95,11 +95,8 @@ CLAIMS: tuple[Claim, ...] = (
 def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     """Return the claims that a run is about.
 
-    Returns
-    -------
-    tuple of Claim
-        All claims if the sensors and lights are the paper's; else those about training, which is
-        our own question. Only claim 22 if the camera was on a slider, real or virtual.
+    A run on a slider, real or virtual, is about claim 22 only. Other runs are about all claims if
+    their sensors and lights are the paper's, else about training, which is our own question.
     """
     if "recorded" in config:
         return (ON_RECORDINGS,)
@@ -114,15 +111,10 @@ def judge_readings(
     readings: Mapping[str, Scores],
     scaling: Mapping[str, Scaling],
 ) -> dict[str, list[Verdict]]:
-    """Judge the claims that a run is about with each photoreceptor.
+    """Judge the claims that a run is about with each photoreceptor, by its scores.
 
-    Parameters
-    ----------
-    readings
-        Scores by photoreceptor.
-    scaling
-        The run's scaling statistics by scene. Times between events are those of the first
-        photoreceptor, so with others, claims about them are not measured.
+    Times between events, in `scaling` by scene, are of the first photoreceptor, so claims about
+    them are not measured with others.
     """
     (first, shown), *others = readings.items()
     claims = claims_of(config, shown)
@@ -136,10 +128,7 @@ def judge_readings(
 
 
 def changed_verdicts(verdicts: Mapping[str, Sequence[Verdict]]) -> list[tuple[Verdict, ...]]:
-    """Return the verdicts on each claim that are not the same with all photoreceptors.
-
-    A claim that is not measured with one of them is left out.
-    """
+    """Return the verdicts on each claim that differ between photoreceptors and are all measured."""
     return [
         of_claim
         for of_claim in zip(*verdicts.values(), strict=True)

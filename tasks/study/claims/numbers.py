@@ -54,18 +54,7 @@ class SceneScores:
         return float(np.median(self.cell(where).values))
 
     def best_width(self, cutoff_hz: float, speed: float) -> int:
-        """Return the width with the best median.
-
-        Parameters
-        ----------
-        cutoff_hz
-            Photoreceptor cutoff, Hz.
-
-        Returns
-        -------
-        int
-            Sensor width, px.
-        """
+        """Return the width with the best median, px."""
         sign = self.metric.sign
         return max(WIDTHS, key=lambda w: sign * self.median(SceneCell(w, cutoff_hz, speed)))
 
@@ -112,12 +101,12 @@ def _of_parts(
     sign: float,
     tails: tuple[float, float],
 ) -> Interval:
-    """Return an estimate; that of an extreme follows from those of its parts.
+    """Return an estimate; the estimate of an extreme follows from its parts.
 
     Each bound of an interval may be on the wrong side of the truth with the probability of its
-    tail. The smallest lower bound of some numbers is above the smallest number only if the bound
-    of that one number is; the smallest upper bound is below it if that of any is, so the parts
-    share this tail (Bonferroni). For the largest number the bounds change places.
+    tail. The smallest lower bound is above the smallest number only if the bound of that number is.
+    The smallest upper bound is below it if any upper bound is, so the parts share this tail
+    (Bonferroni). For the largest number the bounds change places.
     """
     if statistic.extreme is None:
         return estimate(statistic.of, *scenes, sign=sign, tails=tails)
@@ -271,15 +260,5 @@ class Best(NamedTuple):
 def best_and_lead(
     widths: Sequence[int], cutoff_hz: float, best: str = "best", ahead: str = "lead"
 ) -> dict[str, Quantity]:
-    """Return the numbers of a claim that one of some widths is best in a light, at base speed.
-
-    Parameters
-    ----------
-    widths
-        The widths, px.
-    cutoff_hz
-        Photoreceptor cutoff, Hz.
-    best, ahead
-        Names of the numbers.
-    """
+    """Return the numbers of a claim that a width is the best of some in a light, at base speed."""
     return {best: Best(cutoff_hz), ahead: Number(lead(widths, cutoff_hz), above=0)}

@@ -44,12 +44,9 @@ _NEAR = 1.5  # largest factor between a cutoff by area and that of a light of th
 class SliderClaim(Claim):
     """The middle distance is better than the nearest on every print, judged light by light.
 
-    Attributes
-    ----------
-    recorded
-        Whether the claim is judged on recordings: on the two nearest distances at the highest
-        speed, on any print and in any light, as the cutoff of a real camera may be unknown. Rows
-        state neither distance nor lens, so a wider field is taken for a nearer camera.
+    With `recorded` it is judged on recordings: on the two nearest distances at the highest speed,
+    on any print and in any light, as the cutoff of a real camera may be unknown. Rows state neither
+    distance nor lens, so a wider field is taken for a nearer camera.
     """
 
     recorded: bool = False
@@ -103,13 +100,7 @@ class SliderClaim(Claim):
     def _compared(
         self, every: list[SceneScores], deciding: list[SceneScores], hz: float, middle_hz: float
     ) -> tuple[list[NumberText], list[str]]:
-        """Return the leads of the middle distance that decide in a light, and lines with all.
-
-        Parameters
-        ----------
-        middle_hz
-            Cutoff at the middle distance, Hz.
-        """
+        """Return the deciding leads of the middle distance in a light, and lines with all leads."""
         leads = {on: self._lead(on, hz, middle_hz) for on in every}
         ours = corrected([leads[on] for on in deciding])
         leads |= zip(deciding, ours, strict=True)

@@ -28,19 +28,9 @@ class Status(StrEnum):
 class Verdict:
     """A claim of the paper, judged.
 
-    Attributes
-    ----------
-    ours
-        Our numbers, a line for each scene, with 95 % intervals over samples; or what is missing.
-    paper
-        The paper's numbers, a line for each scene.
-    likeness
-        On how many scenes our numbers are like the paper's; "" if it has none or we have no
-        interval.
-    intervals
-        Number of intervals that could have contradicted the claim.
-    why
-        What decides, in a sentence; "" if the claim does not say it.
+    `ours` and `paper` have a line for each scene, ours with 95 % intervals, or say what is missing.
+    `likeness` says on how many scenes our numbers are like the paper's. `intervals` is the number
+    of intervals that could have contradicted the claim.
     """
 
     number: int
@@ -56,17 +46,9 @@ class Verdict:
 
 
 def threshold_note(scores: Sequence[Scores]) -> str:
-    """Say at which contrast threshold the claims are judged.
+    """Say at which contrast threshold the claims are judged; "" if only at the paper's.
 
-    Parameters
-    ----------
-    scores
-        The scores of a run at each of its thresholds; the claims are judged at the first.
-
-    Returns
-    -------
-    str
-        "" if it is the paper's threshold and the only one.
+    `scores` are of a run at each of its thresholds; the claims are judged at the first.
     """
     judged = scores[0].contrast_threshold
     if judged == CONTRAST_THRESHOLD and not scores[1:]:
@@ -90,25 +72,16 @@ def chance_note(verdicts: Iterable[Verdict]) -> str:
 
 
 def settled(estimate: Interval, *, above: bool, bound: float) -> Status:
-    """Judge a number against a bound.
-
-    Parameters
-    ----------
-    above
-        Whether the claim says that the number lies above the bound, not below.
-    """
+    """Judge a claim that a number lies above a bound, or without `above`, below it."""
     if not estimate.settles(bound):
         return Status.UNDECIDED
     return Status.HOLDS if (estimate.value > bound) == above else Status.DOES_NOT_HOLD
 
 
 def holm(tests: Mapping[int, Callable[[float], bool]], level: float) -> set[int]:
-    """Return which of several tests reject at a level that all of them share, by Holm's method.
+    """Return which tests reject at a level that all share, by Holm's method.
 
-    Parameters
-    ----------
-    tests
-        Whether a test rejects at a level; one that does so also does at each higher level.
+    A test that rejects at a level also rejects at each higher level.
     """
     rejected: set[int] = set()
     while more := {

@@ -40,10 +40,7 @@ _STYLE = {
 def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
     """Draw plots as PNG, with a palette, and SVG, the same bytes for the same plots.
 
-    Parameters
-    ----------
-    plots
-        Plots by name; the name is the first part of each panel's title.
+    A plot's name is the first part of its panels' titles.
     """
     drawn, vector, pixels, small = figure(plots), io.BytesIO(), io.BytesIO(), io.BytesIO()
     with rc_context(_STYLE):  # type: ignore[arg-type]

@@ -30,10 +30,8 @@ from tasks.study.results.words import PACKAGED, BaseSpeeds
 class FinishedRun:
     """A finished run, the input of every section of the report.
 
-    Attributes
-    ----------
-    others
-        Scores of each contrast threshold by photoreceptor, for those that the page does not show.
+    `found` are the scores of the page's photoreceptor, by contrast threshold; `others` are the
+    scores of the other photoreceptors.
     """
 
     folder: Path
@@ -75,10 +73,7 @@ class FinishedRun:
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:
-        """Return the base speed of the camera by scene, m/s; by default of packaged scenes only.
-
-        Speeds of recordings are in m/s.
-        """
+        """Return the base speed by scene, m/s; 1 for recordings, whose speeds are in m/s."""
         if "recorded" in self.config:
             return dict.fromkeys(self.scenes, 1.0)
         return {**PACKAGED, **self.config.get("base_m_per_s", {})}
@@ -154,13 +149,7 @@ class FinishedRun:
         return judge_readings(self.config, self.readings, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
-        """Read a PNG or WebP file of the run as a data URL.
-
-        Parameters
-        ----------
-        name
-            Path in the run's folder.
-        """
+        """Read a PNG or WebP file in the run's folder as a data URL."""
         path = self.folder / name
         try:
             content = base64.b64encode(path.read_bytes()).decode()
@@ -177,11 +166,8 @@ def _light_of(entry: Preview | Intervals) -> float:
 def read_run(folder: Path, *others: Path) -> FinishedRun:
     """Read the folder of a finished run.
 
-    Parameters
-    ----------
-    others
-        Folders of runs of the same study with other weights of its networks; their scores join
-        those of the first, and all else is that of the first.
+    `others` are folders of runs of the same study with other weights of its networks; their scores
+    join the first folder's, which gives all else.
     """
     (_, scores), *further = scores_of_run(folder, *others).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)

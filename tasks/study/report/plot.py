@@ -45,14 +45,7 @@ Tick = tuple[float, str]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis.
-
-    Attributes
-    ----------
-    ticks
-        Sets of (value, label) from fine to coarse. The drawer takes the first set with at most
-        `most` labels in the visible range.
-    """
+    """An axis; of its `ticks`, from fine to coarse, the first with few enough labels is drawn."""
 
     label: str
     log: bool
@@ -142,11 +135,8 @@ def plot(
 ) -> Plot:
     """Make a plot with a logarithmic x axis and compute the ticks of both axes.
 
-    Parameters
-    ----------
-    deciding
-        Difference of y that decides between points. Each panel has its own y axis if a shared one
-        hides this difference in one of them.
+    Each panel has its own y axis if a shared axis hides a `deciding` difference of y in one of
+    them.
     """
     shown = [place for panel in panels for place in _places(panel)]
     include_x = () if limit is None else (limit.x,)
@@ -169,7 +159,7 @@ def _places(panel: Panel) -> list[Place]:
 def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> bool:
     """Return whether a difference takes less than `_VISIBLE` of an axis that the panels share.
 
-    A panel counts only if an axis of its own shows the difference more than `_MUCH` times as large.
+    A panel counts only if an axis of its own shows the difference over `_MUCH` times as large.
     """
     scaled = [[math.log10(y) if log else y for y in heights] for heights in of_panels if heights]
     if not scaled or not deciding:
@@ -184,13 +174,7 @@ def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> 
 
 
 def sensor_keys(sensors: Iterable[SensorId], *, labeled: bool = False) -> list[Key]:
-    """Give each sensor a color and a mark.
-
-    Parameters
-    ----------
-    labeled
-        Whether the plot shows the name or the width at the first point.
-    """
+    """Give each sensor a color and a mark; `labeled` shows its name or width at the first point."""
     colors = [name for name in COLORS if name.startswith("series")]
     return [
         Key(sensor.label, color, mark, str(sensor) if labeled else "")

@@ -21,21 +21,13 @@ DRAWS = 2000
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """All values of one series under one condition. A sample has one or more of them.
+    """All values of one series under one condition. A sample has at least one value.
 
-    Attributes
-    ----------
-    values : (N,) float64
-        Finite scores in the metric's unit, in the order of samples and items.
-    failed : (N,) bool
-        Whether the method gave up or ended far off. The value is then that of its starting point
-        or of its end; it counts too.
-    training : (N,) int64
-        Run of each value, counted from 0, where several runs differ in the weights of networks.
-    expected : int
-        Number of values in a complete cell of the series on this scene.
-    paths : tuple of int
-        Number of samples on each of the scene's paths, one after the other; () for a single path.
+    `values` (N,) are finite, in the metric's unit, in the order of samples and items. A value is
+    `failed` if the method gave up or ended far off; it then belongs to the starting point or to the
+    end, and it counts too. `training` numbers the runs, from 0, where they differ in the weights of
+    networks. `expected` is N of a complete cell. `paths` are the numbers of samples on each of the
+    scene's paths, () for a single path.
     """
 
     scene: str
@@ -69,7 +61,7 @@ class Cell:
 
     @cached_property
     def effective_samples(self) -> float | None:
-        """How many independent samples those of the median score are worth.
+        """How many independent samples the samples of the median score are worth.
 
         None if values are missing, or the samples are too few for an interval.
         """
@@ -106,24 +98,13 @@ class Cell:
         return replace(self, values=self.event_rates_hz)
 
     def resampled_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return medians over samples and trainings, both drawn with replacement.
+        """Return (DRAWS,) medians of (N,) values; samples and trainings are drawn with replacement.
 
-        A sample is drawn with all its values, because the values of one sample (features, trials)
-        share frames and events, and so is a training, because its values share weights. Of several
-        paths, which differ in the seeds of their scene, paths are drawn first, and samples within
-        each. The draws depend only on the scene and on the numbers of samples, paths and trainings,
-        so cells with the same samples have paired draws; those of trainings are the same for all
-        scenes.
-
-        Parameters
-        ----------
-        values
-            (N,) float64, finite, in the order of the cell's.
-
-        Returns
-        -------
-        (DRAWS,) float64
-            One median per draw.
+        A sample is drawn with all its values, which share frames and events; so is a training,
+        whose values share weights. Of several paths, which differ in the seeds of their scene,
+        paths are drawn first, and samples within each. The draws depend only on the scene and on
+        the numbers of samples, paths and trainings, so cells with the same samples have paired
+        draws; trainings are drawn alike for all scenes.
         """
         order = np.argsort(values, kind="stable")
         counts = _counts(self.scene, self.samples)
@@ -140,13 +121,8 @@ class Cell:
 def effective_samples(values: NDArray[np.float64], paths: tuple[int, ...] = ()) -> float:
     """Return how many independent samples N samples are worth: N (1 - r) / (1 + r) of a path.
 
-    Parameters
-    ----------
-    values
-        (N,) float64, a value of each sample, in the order of the path. r is the correlation of
-        neighbors, at least 0.
-    paths
-        Number of samples on each path, one after the other; () for a single path.
+    `values` (N,) are in the order of the path; r is the correlation of neighbors, at least 0.
+    `paths` are the numbers of samples on each path, () for a single path.
     """
     if paths[1:]:
         return sum(map(effective_samples, np.split(values, np.cumsum(paths[:-1]))))

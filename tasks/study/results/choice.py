@@ -25,14 +25,10 @@ _MOST_TOLD = 6  # conditions in which the choices differ
 class Pick:
     """Result of the rule for a set of sensors.
 
-    Attributes
-    ----------
-    enough
-        Sensor of the smallest width with a median within the negligible difference of the best; of
-        several, the one with the best median. If `worthwhile`, it also beats doing nothing.
-    worthwhile
-        Whether `best` beats doing nothing by more than the negligible difference. If not, no sensor
-        is recommended.
+    `enough` is the sensor of the smallest width with a median within the negligible difference of
+    the best; of several, the sensor with the best median. `worthwhile` says whether `best` beats
+    doing nothing by more than the negligible difference, and then `enough` also beats it. If not,
+    no sensor is recommended.
     """
 
     best: SensorId
@@ -45,17 +41,11 @@ class Pick:
 class Choice(Pick):
     """Best sensor under one condition, and the smallest that is as good.
 
-    Attributes
-    ----------
-    tied
-        Sensor of the smallest width, smaller than that of `enough`, that beats doing nothing and
-        that the samples do not separate from the best: the paired 95 % interval of the difference
-        contains zero. None if there is none, or the samples are too few for an interval.
-    on_buses
-        `enough` of the sensors that a bus carries, by the capacity of each bus of real cameras in
-        events/s; None if none of them is worthwhile.
-    paper
-        `enough` from the paper's medians; None if the paper lacks one of the sensors.
+    `tied` is the sensor of the smallest width below `enough` that beats doing nothing and that the
+    samples do not separate from the best: the paired 95 % interval of the difference contains zero.
+    `on_buses` is `enough` of the sensors that a bus carries, by the capacity of each bus of real
+    cameras in events/s; None if no sensor is worthwhile. `paper` is `enough` from the paper's
+    medians.
     """
 
     event_rates_hz: Mapping[SensorId, float]
@@ -88,13 +78,7 @@ def choose(
     speed: float,
     without: Collection[SensorId] = (),
 ) -> Choice | None:
-    """Choose a sensor for one condition.
-
-    Parameters
-    ----------
-    cutoff_hz
-        Photoreceptor cutoff, Hz.
-    """
+    """Choose a sensor for one condition."""
     metric = series.spec.metric
     sensors = [sensor for sensor in scores.sensors(series, scene) if sensor not in without]
     places = {s: s.at(scene, cutoff_hz, speed) for s in sensors}

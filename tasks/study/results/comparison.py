@@ -29,14 +29,9 @@ _CSV_COLUMNS = (
 class Entry:
     """Our median and the paper's in one place of a table.
 
-    Attributes
-    ----------
-    marks
-        How the columns "ours" and "paper" are printed: "bold" for the best of the sensors,
-        "underline" for the smallest that is enough, as in `Pick`, and "strike" if doing nothing is
-        as good. The first two are missing if a sensor is.
-    beats_nothing
-        None if either is missing.
+    `marks` of the columns "ours" and "paper" are "bold" for the best sensor, "underline" for the
+    smallest that is enough, as in `Pick`, and "strike" if doing nothing is as good. Bold and
+    underline need all sensors. `beats_nothing` is None if either median is missing.
     """
 
     cell: Cell
@@ -54,10 +49,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One sensor across the cutoffs, for the method or for doing nothing.
-
-    `sensor` is None if doing nothing has the same score with every sensor.
-    """
+    """A sensor across the cutoffs; `sensor` is None if doing nothing scores the same with each."""
 
     sensor: SensorId | None
     entries: Sequence[Entry]
@@ -151,11 +143,8 @@ def comparison_table(
 ) -> ComparisonTable:
     """Compare our medians with the paper's.
 
-    Parameters
-    ----------
-    speeds
-        Factors on the base speed; all if None. ``[1.0]`` gives the layout of the paper's Table 2,
-        all speeds give that of its appendix.
+    `speeds` are factors on the base speed; [1.0] gives the layout of the paper's Table 2, all
+    speeds the layout of its appendix.
     """
     cutoffs_hz = tuple(scores.cutoffs_hz(series))
     blocks = tuple(
@@ -234,13 +223,7 @@ def _rate(series: Series, entry: Entry, line: Line) -> str:
 
 
 def native_px(entry: Entry, line: Line, series: Series) -> float | None:
-    """Convert a median score to pixels of the sensor.
-
-    Returns
-    -------
-    float or None
-        Score in px, or None if it is missing or not in pixels.
-    """
+    """Convert a median score to px of the sensor; None if it is missing or not in px."""
     median, reference_px = entry.cell.median, series.spec.metric.reference_width_px
     if median is None or line.sensor is None or reference_px is None:
         return None
@@ -248,13 +231,7 @@ def native_px(entry: Entry, line: Line, series: Series) -> float | None:
 
 
 def line_label(line: Line, series: Series) -> str:
-    """Name a line of a table.
-
-    Returns
-    -------
-    str
-        Width, after the sensor's name if it has one; or name of the do-nothing method.
-    """
+    """Name a line of a table by its sensor, or by the do-nothing method."""
     parts = [series.spec.label(series.spec.baseline)] if line.nothing else []
     if line.sensor is not None:
         parts += [*filter(None, [line.sensor.name]), f"{line.sensor.width} px"]
@@ -264,13 +241,10 @@ def line_label(line: Line, series: Series) -> str:
 def to_csv(tables: Iterable[ComparisonTable]) -> str:
     """Render tables as tidy CSV, one line per cell; missing values are empty.
 
-    `speed` is a factor on the base speed. It is empty where the study gives m/s, and
-    `illuminance_lux` where it does not give lux.
-
-    A camera with a contrast threshold of its own is in the tables of all thresholds, and doing
-    nothing in those of all methods of a task; each is written with the first. `cutoff_hz` is empty
-    for a camera in a light that is given in lux: its own cutoff is in rows.parquet.
-    `effective_samples` is how many independent samples those of the median are worth.
+    `speed` is empty where the study gives m/s, and `illuminance_lux` where it does not give lux.
+    `cutoff_hz` is empty for a camera in a light in lux: its own cutoff is in rows.parquet. A camera
+    with a contrast threshold of its own is in the tables of all thresholds, and doing nothing in
+    the tables of all methods of a task; each is written with the first.
     """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")

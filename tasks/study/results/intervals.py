@@ -35,12 +35,11 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A statistic of medians with its 95 % interval.
+    """A statistic of medians with its 95 % interval; no bounds if the samples are too few.
 
-    `low` and `high` are None if the samples are too few for an interval. `effective_samples` is how
-    many independent samples those of the interval are worth, which takes all of them as
-    independent; None if it is not over samples. `samples` is their number, without equal ones.
-    `spread` is the standard deviation of the statistics of a scene's seeds; None for one seed.
+    `samples` counts the samples without equal ones. `effective_samples` is how many independent
+    samples they are worth; the interval itself takes all of them as independent. `spread` is the
+    standard deviation over a scene's seeds; None for a single seed.
     """
 
     value: float
@@ -86,10 +85,7 @@ Values = Mapping[Key, NDArray[np.float64]]
 class Medians(Generic[Key]):
     """Medians of cells, and of quantities computed from their values one by one.
 
-    Attributes
-    ----------
-    drawn
-        Whether there is a median for each bootstrap draw, (draws,), not one of all values, ().
+    With `drawn` there is a median for each bootstrap draw, (draws,), otherwise of all values, ().
     """
 
     cells: Mapping[Key, Cell]
@@ -103,13 +99,7 @@ class Medians(Generic[Key]):
     def of(
         self, each: Callable[[Values[Key]], NDArray[np.float64]], keys: Sequence[Key]
     ) -> NDArray[np.float64]:
-        """Return the median of a function of the values of cells.
-
-        Parameters
-        ----------
-        each
-            Function of the values, (N,) each, to (N,).
-        """
+        """Return the median, () or (draws,), of a function of the (N,) values of cells."""
         values = each({key: self.sign * self.cells[key].values for key in keys})
         if not self.drawn:
             return np.asarray(np.median(values))
@@ -129,22 +119,11 @@ def estimate(
 ) -> Interval:
     """Evaluate a statistic of medians, with its bootstrap interval over samples and trainings.
 
-    Parameters
-    ----------
-    statistic
-        Function of the medians of a scene; returns an array of their shape.
-    scenes
-        Complete cells of one scene by any key, or of several for the mean over them; those of a
-        scene have the same samples and items.
-
-    Returns
-    -------
-    Interval
-        The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
-        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. The interval is as much wider than the draws
-        as Student's t says for so few samples, paths or trainings. Numbers that differ from 0 by
-        rounding, as where equal scores are subtracted, are 0. The effective samples are those of
-        the statistic of each sample alone; those of several scenes add up.
+    Each of `scenes` has complete cells with the same samples and items; the value is the mean over
+    scenes. Their names seed the draws, so order has no effect. The interval is as much wider than
+    the draws as Student's t says for so few samples, paths or trainings; there is none with fewer
+    than `MIN_SAMPLES_FOR_INTERVAL` samples. Numbers that differ from 0 by rounding are 0. The
+    effective samples are computed from the statistic of each sample alone, and add up over scenes.
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
@@ -190,7 +169,7 @@ def widening(number: int, tail: float) -> float:
     """Return how much wider an interval is than its draws of samples, paths or trainings.
 
     Draws of N values spread by sqrt((N - 1) / N) of the error of their mean, which besides is
-    estimated from N values: the quantile is that of Student's t, not of a normal distribution.
+    estimated from N values: the quantile is of Student's t, not of a normal distribution.
     """
     if tail == 0.0:
         return 1.0

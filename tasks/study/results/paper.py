@@ -56,31 +56,12 @@ _PUBLISHED = {(*where, round(speed, 3)): score for (*where, speed), score in eve
 def published(
     scene: str, task: str, method: str, width: int, cutoff_hz: float, speed: float
 ) -> float | None:
-    """Return the paper's median score of one cell, or None if the paper lacks the cell.
-
-    Parameters
-    ----------
-    width
-        Sensor width, px.
-    cutoff_hz
-        Photoreceptor cutoff, Hz; inf is the ideal setting.
-
-    Returns
-    -------
-    float or None
-        In the unit of the task's metric.
-    """
+    """Return the paper's median in the metric's unit, or None; the ideal cutoff is inf."""
     return _PUBLISHED.get((scene, task, method, width, cutoff_hz, round(speed, 3)))
 
 
 def source(task: str, method: str, speeds: Iterable[float]) -> str | None:
-    """Return the printed name of the paper's table for a method.
-
-    Parameters
-    ----------
-    speeds
-        Factors on the base speed; the paper has a separate table for the fastest.
-    """
+    """Return the name of the paper's table for a method; the fastest speed has its own table."""
     asked = {round(speed, 3) for speed in speeds}
     for table in _TABLES:
         printed = {round(speed, 3) for speed in table["speeds"]}

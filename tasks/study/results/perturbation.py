@@ -29,10 +29,10 @@ def sweep(scores: Scores, method: str) -> list[Series]:
 
 
 def ideal_success(scores: Scores, series: Series) -> float | None:
-    """Return the share of successful trials in ideal light at base speed, median over sensors.
+    """Return the share of successful trials in ideal light at base speed, over all scenes.
 
-    Trials of all scenes count. The median over sensors is used as the coarsest ones can fail
-    from any perturbation (the paper's 128 px is erratic too).
+    It is the median over sensors, as the coarsest can fail from any perturbation (the paper's 128
+    px is erratic too).
     """
     failed: dict[SensorId, list[NDArray[np.bool_]]] = {}
     base = base_speed(scores, series)
@@ -45,10 +45,7 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
 
 
 def judged_series(scores: Scores) -> Series | None:
-    """Return the series of `TRACKING` at the judged perturbation.
-
-    This is the largest perturbation from which it reaches `REQUIRED_SUCCESS`.
-    """
+    """Return `TRACKING` at the largest perturbation from which it reaches `REQUIRED_SUCCESS`."""
     for series in reversed(sweep(scores, TRACKING.method)):
         if (ideal_success(scores, series) or 0.0) >= REQUIRED_SUCCESS:
             return series
@@ -58,8 +55,7 @@ def judged_series(scores: Scores) -> Series | None:
 def shown_series(scores: Scores) -> list[Series]:
     """Return the series that report and tables show, by task, main methods first.
 
-    Tracking appears at the judged perturbation only, or at the smallest if the method was not run
-    there or no perturbation qualifies.
+    Tracking appears only at the judged perturbation, or at the smallest if the method lacks it.
     """
     order = list(TASKS)
     judged = judged_series(scores)

@@ -17,16 +17,11 @@ FILM_S = 0.04
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """One picture: the radiance of a scene, or the events of one sensor.
+    """A picture of the radiance of a scene, or of the events of a sensor.
 
-    Parameters
-    ----------
-    file
-        Name of the file in the same folder: a PNG picture, or a WebP film of `FILM_PICTURES` square
-        pictures side by side. Runs of older versions have no films.
-    scene, speed, width, cutoff_hz
-        The scene, the factor on the base speed, and the sensor (px, Hz); in lux, the cutoff of
-        plain sensors.
+    `file` is a PNG picture, or a WebP film of `FILM_PICTURES` square pictures side by side. Runs of
+    older versions have no films. `speed` is a factor on the base speed. In lux, `cutoff_hz` is of
+    plain sensors.
     """
 
     file: str

@@ -27,11 +27,7 @@ _KINDS: dict[str, Any] = {
 def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     """Read the scores of a run, as `by_photoreceptor` returns them.
 
-    Parameters
-    ----------
-    folders
-        The run's folder; or those of several runs of one study with other weights of its networks,
-        whose values are then those of one run.
+    Several runs of a study with other weights of its networks become a single run.
     """
     rows_of_runs = [read_rows(folder / "rows.parquet") for folder in folders]
     configs = [read_config(folder) for folder in folders]
@@ -54,13 +50,7 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """Read the study of a run.
-
-    Parameters
-    ----------
-    folder
-        The run's folder.
-    """
+    """Read the study of a run from study.json in its folder."""
     file = folder / "study.json"
     config = read_json(dict[str, Any], file, ResultError)
     for name in _KINDS.keys() & config.keys():

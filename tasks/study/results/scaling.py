@@ -23,8 +23,7 @@ FIT_PX = 10.0
 class Intervals:
     """Histogram of the times between consecutive events of a pixel under one setting.
 
-    In lux, the cutoff is that of plain sensors. Runs of older versions lack the illuminance and the
-    sensor's name.
+    In lux, the cutoff is of plain sensors. Older runs lack the illuminance and the sensor's name.
     """
 
     width: int
@@ -39,10 +38,7 @@ class Intervals:
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """Mean |L_t| by pixel size, 1/s, and its power law for sizes up to `FIT_PX`.
-
-    Where nothing moves, all means are 0 and there is no law.
-    """
+    """Mean |L_t| by pixel size, 1/s, and its power law up to `FIT_PX`, None where nothing moves."""
 
     mean_hz: tuple[float, ...]
     law: PowerLaw | None
@@ -52,14 +48,8 @@ class Slopes:
 class Scaling:
     """Statistics of one clip.
 
-    Attributes
-    ----------
-    everywhere, edges
-        Slopes over all pixels, and over the 5 % that are steepest at the finest size.
-    edges_us
-        Bin edges of the histograms, us.
-    job
-        Key of the study's job that measured them.
+    `everywhere` is over all pixels, `edges` over the 5 % that are steepest at the finest size.
+    `job` is the key of the study's job that measured them.
     """
 
     scene: str
@@ -72,18 +62,7 @@ class Scaling:
     job: str = ""
 
     def mode_us(self, sensor: SensorId, cutoff_hz: float, speed: float) -> float | None:
-        """Return the most common interval under one setting.
-
-        Parameters
-        ----------
-        cutoff_hz
-            Photoreceptor cutoff, Hz.
-
-        Returns
-        -------
-        float or None
-            Interval in us; None if the setting was not measured.
-        """
+        """Return the most common interval under one setting, us; None if it was not measured."""
         for each in self.intervals:
             if (sensor_of(each), each.cutoff_hz, each.speed) == (sensor, cutoff_hz, speed):
                 return mode_us(self.edges_us, each.counts)
@@ -97,10 +76,7 @@ class Scaling:
 def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str, Scaling]:
     """Read the statistics of all scenes in a folder; empty if the folder is missing.
 
-    Parameters
-    ----------
-    jobs
-        Keys of the run's jobs, if they are known. What a job of another study measured is left out.
+    Statistics that a job outside of `jobs` measured, as for another study, are left out.
     """
     every = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
     return {each.scene: each for each in every if jobs is None or each.job in ("", *jobs)}

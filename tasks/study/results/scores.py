@@ -80,32 +80,16 @@ _Values = dict[_Item, Row]
 
 
 class Scores:
-    """The rows of a run, grouped into cells.
+    """The rows of a run with one photoreceptor and contrast threshold, grouped into cells.
 
-    Parameters
-    ----------
-    rows
-        Result rows of one photoreceptor and contrast threshold, in any order; cameras can have
-        their own. A row counts as missing if its value is not finite.
-    square
-        Whether sensors without a name are square, as the paper's are.
-    trainings
-        Number of runs T that differ in the weights of networks: item T i + k is item i of run k.
-    contrast_threshold, photoreceptor
-        Those of all sensors without their own; by default those of the first plain sensor, or of
-        the first camera if there are none.
+    Values that are not finite count as missing. `square` says whether sensors without a name are
+    square, as the paper's are. Item T i + k is item i of run k, if T `trainings` differ in weights
+    of networks. `contrast_threshold` (log units) and `photoreceptor` are of all sensors without
+    their own, by default from the first plain sensor, or from the first camera if there is none.
 
-    Attributes
-    ----------
-    contrast_threshold
-        Contrast threshold of all sensors without their own, log units.
-    asks_as_paper
-        Whether all sensors and lights are the paper's, which has no buses. Only then are its
-        numbers shown.
-    buses_hz
-        Capacities of the buses that the events went through, events/s, by sensor.
-    dropped
-        Largest share of the events of a window that such a bus lost, by sensor.
+    `asks_as_paper` says whether all sensors and lights are the paper's, which has no buses; only
+    then are its numbers shown. `buses_hz` are the capacities of the buses, events/s, and `dropped`
+    is the largest share of a window's events that a bus lost, by sensor.
     """
 
     def __init__(
@@ -158,13 +142,7 @@ class Scores:
         return list(dict.fromkeys(where.scene for of in every for where in self.conditions(of)))
 
     def sensors(self, series: Series, scene: str | None = None) -> list[SensorId]:
-        """Return the sensors of a series, by width, then name.
-
-        Parameters
-        ----------
-        scene
-            Name of a scene; None for all scenes. Prints of a rig may have widths of their own.
-        """
+        """Return the sensors of a series, by width, then name; prints may have different widths."""
         return sorted({sensor_of(where) for where in self.conditions(series, scene)})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
@@ -197,13 +175,9 @@ class Scores:
         return self._cell(series, condition, True)
 
     def published(self, series: Series, condition: Condition) -> float | None:
-        """Return the paper's score under a condition.
+        """Return the paper's score, None at another contrast threshold than the paper's.
 
-        Returns
-        -------
-        float or None
-            None if the paper has no such score, as at any contrast threshold but its own, or if
-            some sensor or light is not the paper's.
+        It is also None if any sensor or light of the run is not the paper's.
         """
         scene, width, cutoff_hz, speed, _ = condition
         papers = self.asks_as_paper and self.contrast_threshold == CONTRAST_THRESHOLD

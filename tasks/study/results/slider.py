@@ -59,13 +59,9 @@ _METHODS = (
 
 
 def slider_scores() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
-    """Return the numbers of the table.
+    """Return the numbers of the table by task and method, then by print and speed in m/s.
 
-    Returns
-    -------
-    dict
-        By task and method, then by print and speed in m/s: values from far to near in dB, px at
-        full width (RNEPE) or mm.
+    Values go from far to near, in dB, px at full width (RNEPE) or mm.
     """
     scores: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
     for name in PRINTS:
@@ -87,8 +83,7 @@ def worse_than_nothing(speed_m_per_s: float) -> int:
 def is_of_slider(config: Mapping[str, Any]) -> bool:
     """Return whether a study, the content of study.json, is on the virtual slider.
 
-    The distances, and what the paper measured, are those of cameras of one lens, whose full size is
-    the slider's, and which lose no events.
+    Its cameras have one lens and the slider's full size, and lose no events.
     """
     render, simulate = config.get("render", {}), config.get("simulate", {})
     return (

@@ -38,14 +38,7 @@ def cutoff_detail(cutoff_hz: float) -> str:
 
 
 def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
-    """Format a speed.
-
-    Returns
-    -------
-    str
-        Speed in m/s to two digits, or as the study gives it; the factor if no base speed is known
-        or the camera is at rest.
-    """
+    """Format a speed in m/s, or as a factor if no base speed is known or the camera is at rest."""
     if isinstance(speed, MetersPerSecond):
         return f"{speed:g} m/s"
     fast = base.get(scene, 0.0) * speed

@@ -36,13 +36,7 @@ _SHIFT_PX = 2.0  # of the image in the window, to the right
 
 @contextmanager
 def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]:
-    """Compile the sensor and the methods of some tasks, one process each, if not cached.
-
-    Parameters
-    ----------
-    tasks
-        Names and settings of the tasks. Only flow and tracking, which compile slowly, are compiled.
-    """
+    """Compile the sensor and the slow methods (flow, tracking), a process each, if not cached."""
     methods = {
         (task, name)
         for task, settings in tasks
@@ -90,7 +84,7 @@ def _any_is_cached(methods: Iterable[tuple[str, str]]) -> bool:
 def _made_up() -> tuple[Events, NDArray[np.float64]]:
     """Return events of a texture that moves evenly, and its log intensity at the start.
 
-    Each pixel's log intensity is a ramp, and crosses a threshold at even times, Eq. (7).
+    Each pixel's log intensity is a ramp that crosses thresholds at even times, Eq. (7).
     """
     coarse = np.random.default_rng(0).normal(0.0, 0.7, (16, 16))
     size = _SIDE_PX, _SIDE_PX

@@ -24,13 +24,7 @@ from tasks.study.run.jobs import Job, QueuedJob
 
 @dataclass(frozen=True, slots=True)
 class ComputedJob:
-    """What a run keeps of a job.
-
-    Parameters
-    ----------
-    files
-        Contents of highlights, if asked for, by path in the run's folder.
-    """
+    """What a run keeps of a job; `files` has highlights, if any, by path in its folder."""
 
     rows: list[Row]
     timings: JobTimings
@@ -42,10 +36,6 @@ def compute_job(queued: QueuedJob, on_progress: Progress) -> ComputedJob:
     """Render, simulate and score a job; the frames stay in this machine's cache.
 
     The sensors see each frame as soon as it is rendered.
-
-    Returns
-    -------
-    Scores, files for the run's folder, and the environment.
     """
     job = queued.job
     renderer = _renderer_of(job, on_progress)

@@ -50,16 +50,10 @@ _Sums = dict[str, tuple[float, float]]  # estimated and measured core seconds, b
 
 @dataclass(frozen=True, slots=True)
 class JobEstimate:
-    """Estimated work of one job, with every frame rendered.
+    """Estimated work of one job, with every frame rendered, in core seconds.
 
-    Parameters
-    ----------
-    frames_s
-        Core seconds while there are frames: rendering, simulating, and methods with a state.
-    samples_s
-        Core seconds after that: the other methods, and scores.
-    render_s
-        Core seconds of `frames_s` for rendering.
+    `frames_s` is the work while there are frames: rendering (`render_s`), simulating, and methods
+    with a state. `samples_s` is the work after that: the other methods, and scores.
     """
 
     frames: int
@@ -77,10 +71,7 @@ class JobEstimate:
 def work_text(jobs: Sequence[Job], cores: int, pace: float | None = None) -> str:
     """Estimate the work of jobs, in a line; frames in the cache count as if they were missing.
 
-    Parameters
-    ----------
-    pace
-        Times as long as `estimate_job` says that jobs take here; None if no job has shown it.
+    Jobs take here `pace` times as long as estimated; None if no job has shown it.
     """
     each = [estimate_job(job) for job in jobs]
     seconds = sum(job.core_s for job in each) / cores * (1.0 if pace is None else pace)
@@ -135,25 +126,13 @@ def _frames(job: Job) -> int:
 
 
 def pace_of(environment: Mapping[str, str]) -> float | None:
-    """Return the pace of a machine.
-
-    Returns
-    -------
-    Measured core seconds of the machine's latest jobs over the estimated ones; None if the cache
-    knows of none.
-    """
+    """Return measured over estimated core seconds of a machine's latest jobs; None if unknown."""
     sums = _read().get(_machine(environment))
     return None if sums is None else (sums[1] + _PRIOR_S) / (sums[0] + _PRIOR_S)
 
 
 def add_job(environment: Mapping[str, str], estimate: JobEstimate, timings: JobTimings) -> None:
-    """Let a job count for the pace of its machine.
-
-    Parameters
-    ----------
-    estimate
-        Its estimated work; only the share of the frames counts that was not in the cache.
-    """
+    """Let a job count for the pace of its machine, without the frames that were in the cache."""
     cached = 1.0 - min(1.0, timings.rendered_frames / estimate.frames)
     sums, machine = _read(), _machine(environment)
     told_s, took_s = sums.get(machine, (0.0, 0.0))

@@ -22,10 +22,7 @@ _FREE_SHARE = 1 / 3
 def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
     """Open the folder of a clip; no process deletes its frames within the context.
 
-    Parameters
-    ----------
-    needed_bytes
-        Space to free for the clip if it is not in the cache.
+    A clip that is not in the cache gets `needed_bytes` freed.
     """
     folder = _root() / key
     with locked(_lock_file(folder), shared=True):
@@ -49,10 +46,7 @@ def make_room(needed_bytes: int) -> None:
 
 
 def limit_bytes() -> float:
-    """Return how many bytes of frames the cache keeps.
-
-    The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
-    """
+    """Return the limit of the cache: 20 GB, or a third of what is free without it, if less."""
     existing = next(folder for folder in (_root(), *_root().parents) if folder.is_dir())
     free = shutil.disk_usage(existing).free + sum(_clips().values())
     return min(LIMIT_BYTES, _FREE_SHARE * free)

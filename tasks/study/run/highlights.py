@@ -53,9 +53,9 @@ _BIN_EDGES_US = log_bin_edges_us()
 class Highlights:
     """Collects the highlights of a job's scene from the events of its sensors.
 
-    Of each sensor only the first photoreceptor and contrast threshold are used: films at the first
-    speed, intervals between events at the lowest and the highest speed. Of sensors with the same
-    pixels, whose buses may differ, only the first is used.
+    Of each sensor, only the first photoreceptor and contrast threshold count: films at the first
+    speed, intervals between events at the lowest and highest. Of sensors with the same pixels,
+    whose buses may differ, only the first is used.
     """
 
     def __init__(self, queued: QueuedJob, settings: list[Setting]) -> None:
@@ -81,12 +81,7 @@ class Highlights:
             film.add(events, setting.end_us)
 
     def result(self, reference: ReferenceFrames, sequence: RadianceSequence) -> dict[str, bytes]:
-        """Return the highlights, after the last event.
-
-        Returns
-        -------
-        Files by path in the run's folder.
-        """
+        """Return the highlights, after the last event, as files by path in the run's folder."""
         job = self._queued.job
         ago_s = FILM_S * job.simulate.speeds[0] * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
         shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
@@ -112,17 +107,8 @@ def _sensor_of(setting: Setting) -> tuple[SensorId, float]:
 class Film:
     """Events of a sensor in the center of the frames.
 
-    Parameters
-    ----------
-    frame_height, frame_width
-        Size of the frames, px; sensors of all shapes show the same part, if they see it.
-
-    Attributes
-    ----------
-    sums : (`FILM_PICTURES`, side, side) int16
-        Sums of polarities of the sensor's central pixels.
-    part_px
-        Side of the part of a frame that these pixels see, px.
+    `sums` (`FILM_PICTURES`, side, side) are the sums of polarities of the sensor's central pixels,
+    and `part_px` is the side of the part of a frame that they see.
     """
 
     def __init__(self, sensor: SensorModel, frame_height: int, frame_width: int) -> None:
@@ -134,13 +120,7 @@ class Film:
         self.part_px = round(side / scale)
 
     def add(self, events: Events, end_us: int) -> None:
-        """Add events.
-
-        Parameters
-        ----------
-        events
-            Events of the whole sensor; those outside of the film's time do not count.
-        """
+        """Add events of the whole sensor; events outside of the film's time do not count."""
         start_us, side = end_us - round(FILM_S * 1e6), self.sums.shape[1]
         last = events.between(start_us, end_us)
         top, left = (events.height - side) // 2, (events.width - side) // 2
@@ -153,13 +133,7 @@ class Film:
 def preview_files(
     job: Job, frames: Sequence[NDArray[np.float32]], films: Mapping[tuple[SensorId, float], Film]
 ) -> dict[str, bytes]:
-    """Draw a job's previews.
-
-    Parameters
-    ----------
-    frames
-        (H, W) radiance at the end of each picture of a film, in units of white.
-    """
+    """Draw previews; frames are (H, W), in units of white, at the end of each picture of a film."""
     scene, speed = job.scene.name, job.simulate.speeds[0]
 
     def drawn(film: Film) -> bytes:
@@ -198,13 +172,7 @@ def _seen(frame: NDArray[np.float32], part_px: int, side: int) -> NDArray[np.flo
 
 
 def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
-    """Return the files of a scene.
-
-    Parameters
-    ----------
-    slope
-        (H, W) L_t, 1/s.
-    """
+    """Return the files of a scene; `slope` is L_t, (H, W), 1/s."""
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
     picture = Image.fromarray(np.round(127 * central_crop(strength) + 127).astype(np.uint8))
     ramp = np.arange(-127, 128)[:, None] / 127
@@ -223,18 +191,7 @@ def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, byt
 
 
 def central_area(height: int, width: int) -> tuple[int, int, int]:
-    """Return the center of an image.
-
-    Parameters
-    ----------
-    height, width
-        Size of the image, px.
-
-    Returns
-    -------
-    row, column, side
-        First row, first column and side, px.
-    """
+    """Return first row, first column and side of the center of an image, px."""
     side = max(2, min(round(width * _VIEW), height))
     return (height - side) // 2, (width - side) // 2, side
 
@@ -247,20 +204,10 @@ def central_crop(image: NDArray) -> NDArray:
 
 
 def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
-    """Draw the events of a film over its frames.
+    """Draw the events of a film over its frames, side by side in a lossless WebP file.
 
-    Parameters
-    ----------
-    lights
-        (N, side, side) frames, tone-mapped to [0, 1].
-    sums
-        (N, side, side) sums of polarities: blue if positive, red if negative.
-
-    Returns
-    -------
-    bytes
-        A lossless WebP file with the N pictures side by side. Its frames have the most gray levels
-        with which the file has at most `MAX_FILM_BYTES`, or one.
+    Both are (N, side, side). Frames are in [0, 1], with the most gray levels that keep the file
+    within `MAX_FILM_BYTES`, or one level. Positive sums of polarities are blue, negative sums red.
     """
     colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)[np.sign(sums) + 1]
     for levels in _GRAYS:
@@ -287,16 +234,8 @@ def measure_scaling(
 ) -> tuple[Scaling, NDArray[np.float64]]:
     """Measure the slopes at the end of a clip, and add the histograms of its events.
 
-    Parameters
-    ----------
-    dark_level
-        Dark level of the first sensor, in the frames' unit of radiance.
-    histograms
-        Complete histograms of times between events, by sensor, light as in `light_of`, and speed.
-
-    Returns
-    -------
-    The numbers, and L_t between the last two frames: (H, W) float64, 1/s.
+    Histograms are by sensor, light as in `light_of`, and speed; `dark_level` is in the frames' unit
+    of radiance. The second result is L_t between the last two frames, (H, W), 1/s.
     """
     before, after = (sequence.frame(len(sequence) - k).astype(np.float64) for k in (2, 1))
     dt_s = float(sequence.t_s[-1] - sequence.t_s[-2])

@@ -31,9 +31,8 @@ _log = logging.getLogger(__name__)
 class Job:
     """A stretch of a scene's path, the sensors that see it, and the tasks that use their events.
 
-    A job is the unit of work: one process renders, simulates and scores it, and a run keeps its
-    rows under its `key`. `evaluate` has only the tasks that the job scores. `scale` is that of
-    `scale_of`.
+    One process renders, simulates and scores a job; a run keeps its rows under its `key`.
+    `evaluate` has only the tasks that the job scores; `scale` is as `scale_of` returns it.
     """
 
     scene: Scene
@@ -147,13 +146,7 @@ def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]
 
 @dataclass(frozen=True, slots=True)
 class QueuedJob:
-    """A job to compute.
-
-    Parameters
-    ----------
-    job, key
-        The job, and its key when the study began: a method may be edited meanwhile.
-    """
+    """A job to compute, with its key when the study began: a method may be edited meanwhile."""
 
     job: Job
     key: str
@@ -277,8 +270,8 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     """Return small jobs that try each of the user's own methods once before its first use in a run.
 
     A method is tried on the first clip that suits it, with the smallest sensor and one sample. Its
-    job uses the same frames later, except on a continuous stretch, of which a trial renders only
-    one window.
+    job uses the same frames later, except on a continuous stretch, of which a trial renders a
+    window.
     """
     known, tried = methods_of(done), []
     new = [at for at in methods_of(to_do) if TASKS[at[0]].is_own(at[1]) and at not in known]

@@ -29,13 +29,7 @@ _REPLACED = ("rows.parquet", "tables.csv", "report.html")  # at the end, never b
 
 
 class RunFolder:
-    """The files of a run.
-
-    Parameters
-    ----------
-    mix
-        Allow resuming with another Mitsuba version or device than the run started with.
-    """
+    """The files of a run; `mix` allows another Mitsuba or device than the run started with."""
 
     def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:
         if folder.exists() and not folder.is_dir():
@@ -113,10 +107,7 @@ class RunFolder:
         return rows
 
     def _has_highlights(self, job: Job) -> bool:
-        """Return whether this job made the highlights of its scene.
-
-        Previews may be deleted: they are the largest files, and take as long to make as the rows.
-        """
+        """Return whether this job made its scene's highlights; previews may be deleted."""
         previews = self._previews_of(job.scene.name)
         scaling = self._folder / "scaling" / f"{job.scene.name}.json"
         try:
@@ -181,13 +172,9 @@ def check_recorded(out: Path) -> None:
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:
-    """Write study.json and environment.json of a run; the caller adds rows.parquet.
+    """Write study.json and environment.json of a run on recordings; the caller adds rows.parquet.
 
-    Parameters
-    ----------
-    recordings
-        Folders of the events; study.json lists them under `recorded`, in place of the settings of
-        a rendered study.
+    `recordings` are the folders of the events.
     """
     config = {
         "name": "rig",

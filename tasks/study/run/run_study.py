@@ -154,14 +154,10 @@ def _scenes(study: Study) -> list[Scene]:
 def _counted(
     on_progress: Progress, done: Sequence[str], total: int, before_s: float = 0.0
 ) -> Progress:
-    """Return what reports the progress of some jobs among all jobs of a run.
+    """Return what reports the progress of some jobs among all `total` jobs of a run.
 
-    Parameters
-    ----------
-    done, total
-        Keys of the finished jobs, to which a run adds, and number of all jobs.
-    before_s
-        Estimated core seconds of the jobs that earlier starts finished.
+    A run adds keys of finished jobs to `done`. `before_s` is the estimated core seconds of the jobs
+    that earlier starts finished.
     """
 
     def on_jobs(stage: str, done_s: float, of_s: float, /) -> None:

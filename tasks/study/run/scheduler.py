@@ -69,13 +69,7 @@ class ThisProcess:
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """Yield every job with its result, as soon as it is done.
-
-        Parameters
-        ----------
-        on_progress
-            Called with a text, and the estimated core seconds of what is done and of all jobs.
-        """
+        """Yield every job with its result, once done; progress is in estimated core seconds."""
         tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
         estimates = [estimate_job(queued.job) for queued in jobs]
         total_s = sum(estimate.core_s for estimate in estimates)

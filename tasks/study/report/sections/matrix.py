@@ -33,15 +33,9 @@ class Shown(NamedTuple):
 class Answer(NamedTuple):
     """The answer for a task in one light at one speed.
 
-    Attributes
-    ----------
-    shown
-        What the page shows without a limit, then for each bus of real cameras.
-    kind
-        "", "struck" (doing nothing is as good) or "over" (more events than the bus carries).
-    tied
-        Smaller sensor that the samples do not separate from the best, as in `Shown`; None if there
-        is none.
+    `shown` is what the page shows without a limit, then for each bus of real cameras. `kind` is "",
+    "struck" (doing nothing is as good) or "over" (more events than the bus carries). `tied` is a
+    smaller sensor that the samples do not separate from the best.
     """
 
     where: str
@@ -53,18 +47,9 @@ class Answer(NamedTuple):
 def matrix(run: FinishedRun) -> dict[str, object]:
     """Return the answers of a run: the main methods at the speeds that all have, or else most.
 
-    Returns
-    -------
-    near
-        The negligible differences, in the units of the metrics.
-    compared, uncompared
-        Tasks in which doing nothing was scored, and was not.
-    widths
-        Those of the sensors, px, each once.
-    lights, speeds
-        Lights as groups of columns, and a speed for each column of a light.
-    rows
-        Answers for each scene and task.
+    `compared` and `uncompared` are the tasks in which doing nothing was scored, and was not. `near`
+    has the negligible differences in the units of the metrics. Each of the `lights` is a group of
+    columns, with a column for each of the `speeds`; `rows` has the answers for each scene and task.
     """
     scores = run.scores
     main = [series for series in run.series if is_main(series)] or run.firsts

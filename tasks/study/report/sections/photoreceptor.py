@@ -20,13 +20,9 @@ from tasks.study.results.words import MISSING, capitalized, photoreceptor_label,
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """How much better the finest sensor is than the finest of a smaller width, with each
-    photoreceptor.
+    """How much better the finest sensor is than the finest of a smaller width, by photoreceptor.
 
-    Attributes
-    ----------
-    paper
-        The paper's lead; None if it lacks one of the two.
+    The paper's lead is None if the paper lacks one of the two.
     """
 
     scene: str
@@ -67,16 +63,9 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
 def compare_photoreceptors(run: FinishedRun) -> dict[str, object] | None:
     """Compare the photoreceptors of a run; None if it has only one.
 
-    Returns
-    -------
-    names
-        The photoreceptors in words, that of the page first.
-    programs
-        Whether some are v2e's program.
-    tables
-        A table of leads for each main method.
-    verdicts
-        A table of the verdicts that are not the same with all photoreceptors.
+    `names` begin with the photoreceptor of the page, and `programs` says whether some are v2e's
+    program. `tables` has a table of leads for each main method; `verdicts` has the verdicts that
+    change.
     """
     if not run.others:
         return None

@@ -34,13 +34,7 @@ def slope_plot(scaling: Scaling) -> Plot:
 
 
 def interval_plot(scaling: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
-    """Plot histograms: highest cutoff at the lowest speed, lowest cutoff at both extreme speeds.
-
-    Returns
-    -------
-    Plot
-        Shares of the intervals between a pixel's events, by length.
-    """
+    """Plot interval histograms: highest cutoff at lowest speed, lowest cutoff at both extremes."""
     settings = scaling.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
     chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])

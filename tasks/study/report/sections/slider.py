@@ -32,13 +32,8 @@ _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: valu
 def slider_section(run: FinishedRun) -> dict[str, object] | None:
     """Compare a run on the virtual slider with the paper; None if the run has no such scores.
 
-    Returns
-    -------
-    wins, tables
-        Tables: on how many prints the full size is best, and scores by the method's title.
-    worse_than_nothing, nothing_mm
-        How many of the paper's 9 position errors at the highest speed are larger than that of its
-        initial path, and the error of that path, mm.
+    `wins` counts the prints on which the full size is best. `worse_than_nothing` counts the paper's
+    9 position errors at the highest speed that exceed the error of the initial path, `nothing_mm`.
     """
     scores, papers = run.scores, slider_scores()
     ours = [s for s in scores.series() if s[:2] in papers and _measured(scores, s)]

@@ -27,13 +27,7 @@ def tradeoff_plots(run: FinishedRun, series: Series) -> dict[str, Plot]:
 def score_plot(
     run: FinishedRun, title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel]
 ) -> Plot:
-    """Plot scores of one series against event rates; errors have a logarithmic axis.
-
-    Parameters
-    ----------
-    panels
-        One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
-    """
+    """Plot scores of a series against event rates, Mev/s; errors have a logarithmic axis."""
     metric = series.spec.metric
     errors = not metric.higher_is_better
     better = ", less is better" if errors else ""
