@@ -21,16 +21,9 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     """Return a decorator that compiles kernels and caches them until one of them is edited.
 
     Numba caches a compiled function until its own file changes. A kernel contains the code of the
-    kernels that it calls, so the cache of each depends on all files with kernels in its folders.
-    Of several processes that need a kernel, one compiles it and the others wait for it.
-
-    Parameters
-    ----------
-    folders
-        Folders of the kernels and of those that they call; none for a kernel that calls no other.
-    options
-        Options of `numba.njit`, in addition to a cache, no GIL, the error model of numpy, and no
-        code for callers in C.
+    kernels that it calls, so the cache of each depends on all files with kernels in `folders`; a
+    kernel that calls no other needs none. Of several processes that need a kernel, one compiles it
+    and the others wait for it.
     """
     files = sorted(file for folder in folders for file in folder.rglob("*.py"))
     sources = (source for source in map(Path.read_bytes, files) if b"jit" in source)

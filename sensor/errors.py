@@ -61,12 +61,8 @@ def reading(
     """Turn any failure to read a file into an error that starts with the file's name.
 
     Libraries raise errors of any class on damaged files, so all are caught. System errors, such as
-    a missing file, keep their class and get the file's name.
-
-    Parameters
-    ----------
-    format
-        What the file is read as, for errors of libraries; "" for a place in it.
+    a missing file, keep their class and get the file's name. `format` is what the file is read as,
+    for errors of libraries; "" for a place in it.
     """
     try:
         yield

@@ -13,15 +13,7 @@ _SAMPLE_SHARE = 0.995
 
 
 def white_level(frame: NDArray[np.floating]) -> float:
-    """Return the white level, `np.percentile(frame, 99.9)`.
-
-    Only the brightest pixels are partitioned.
-
-    Parameters
-    ----------
-    frame
-        (H, W) linear radiance.
-    """
+    """Return the white level, `np.percentile(frame, 99.9)`, from the brightest pixels only."""
     values = frame.ravel()
     sample = np.sort(values[:: 1 + values.size // _SAMPLE_PX])
     bright = values[values >= sample[int(_SAMPLE_SHARE * sample.size)]]

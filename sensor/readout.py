@@ -135,12 +135,9 @@ class Sender:
         self._end_us = -fifo.END_OF_TIME_US
 
     def push(self, part: Events, until_us: int | None = None) -> Events:
-        """Take the next events of the pixels; return events that have left before a time.
+        """Take the next events of the pixels; return events that have left before `until_us`.
 
-        Parameters
-        ----------
-        until_us
-            No event of a later part is earlier, us; None is the time of the last event.
+        No event of a later part is earlier than `until_us`; None is the time of the last event.
         """
         for t_us in part.t_us[[0, -1]].tolist() if len(part) else ():
             if abs(t_us) >= fifo.END_OF_TIME_US:  # differences would overflow

@@ -44,10 +44,7 @@ TARGETS = {"x86-64-v4": _V4, "x86-64-v3": _V3}
 def fall_back(kernel: Any, stamp: str) -> None:
     """Let a kernel use the wheel's code where its own cache has none.
 
-    Parameters
-    ----------
-    kernel, stamp
-        Numba's dispatcher, and a digest of the sources of the kernels that it calls.
+    `kernel` is Numba's dispatcher, `stamp` a digest of the sources of the kernels that it calls.
     """
     kernel.stamp = stamp
     cache_file = kernel._cache._cache_file
@@ -102,12 +99,8 @@ def is_shipped(kernel: Any) -> bool:
 def ship(kernel: Any, signature: Any, target: str, folder: Path) -> None:
     """Compile a kernel without running it, and copy its code into a folder for wheels.
 
-    Parameters
-    ----------
-    kernel, signature
-        Numba's dispatcher, and the types of the arguments.
-    target, folder
-        `NUMBA_CPU_NAME` of this process, whose `NUMBA_CPU_FEATURES` add none, and the folder.
+    `kernel` is Numba's dispatcher, `signature` the types of the arguments. `target` is this
+    process's `NUMBA_CPU_NAME`; its `NUMBA_CPU_FEATURES` add none.
     """
     kernel.compile(signature)
     key = kernel._cache._index_key(signature, kernel.targetctx.codegen())

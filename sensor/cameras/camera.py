@@ -579,13 +579,7 @@ _DEFAULTS = {one.name: one.default for one in fields(EventCamera)}
 
 
 def checked(name: str, key: Key, value: Any) -> Any:
-    """Return the value of a key as a Python value of its kind.
-
-    Parameters
-    ----------
-    value
-        The value, in the unit of the camera's field.
-    """
+    """Return a key's value, in the unit of the camera's field, as a Python value of its kind."""
     if key.kind == "flag":
         if not isinstance(value, bool):
             raise refusal(name, value, "true or false")

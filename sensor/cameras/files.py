@@ -312,12 +312,9 @@ def values_of(camera: EventCamera) -> dict[str, Any]:
 
 
 def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, str, list[float]]:
-    """Return a value, its unit and its interval as a file has them.
+    """Return a value, its unit and its interval as a file has them; the unit is "" for words.
 
-    Returns
-    -------
-    value, unit, interval
-        In the first unit from which the value comes back to the bit. The unit is "" for words.
+    It is the first unit from which the value comes back to the bit.
     """
     unit = "" if key.kind in ("text", "word", "flag") else next(iter(key.units))
     if key.kind != "number":

@@ -91,8 +91,7 @@ def checked_threads(threads: int | None) -> int:
 def check_fit(model: SensorModel, height: int, width: int) -> None:
     """Check that a sensor is not finer than the frames and has their aspect ratio.
 
-    The height may differ by less than one pixel from the width divided by the aspect ratio of the
-    frames, or the width from the height times that ratio, since a sensor has whole pixels.
+    A sensor has whole pixels, so its height or its width may differ by less than one pixel.
     """
     if model.height > height or model.width > width:
         raise SensorError(
@@ -128,12 +127,7 @@ def completed(
 ) -> list[SensorModel]:
     """Return the models with a dark level, and with a cutoff reference where they need one.
 
-    Parameters
-    ----------
-    models
-        The sensors, or functions that return them for a radiance of white; a None is replaced.
-    first, white
-        (H, W) first frame, and radiance of white; None takes that of the first frame.
+    A model may be a function of the radiance of white: `white`, or else the white of `first`.
     """
 
     @cache

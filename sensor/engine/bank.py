@@ -32,10 +32,7 @@ _FEW_EVENTS = 1 << 26
 
 
 class Bank:
-    """Sensors that see the same frames; checks all arguments.
-
-    Parameters and errors are those of `sensor.simulate_bank`.
-    """
+    """Sensors that see the same frames; checks all arguments as `sensor.simulate_bank`."""
 
     def __init__(
         self,
@@ -106,11 +103,6 @@ class _Joined:
 
     The arrays grow to the size that the events so far predict for the whole stream, so that few
     events are copied. New memory beyond the last event is never touched.
-
-    Parameters
-    ----------
-    start_us, end_us
-        Time of the first and the last frame, us.
     """
 
     def __init__(self, start_us: int, end_us: int) -> None:

@@ -17,14 +17,8 @@ class Chunks:
     """Predicts the events of frames from a few pixels, and learns from the events that fire.
 
     Between two frames an ideal pixel fires its change of log light divided by C. A filter lets
-    fewer fire, noise more.
-
-    Parameters
-    ----------
-    first
-        (H, W) linear radiance at the start.
-    groups
-        The models whose events are in memory at once, for each group; C and dark levels are known.
+    fewer fire, noise more. `first` is (H, W) linear radiance. The events of a group's models are in
+    memory at once; their C and dark levels are known.
     """
 
     def __init__(

@@ -47,13 +47,7 @@ def checked_times(t_s: ArrayLike, index: int = 0) -> NDArray[np.float64]:
 
 
 def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
-    """Check that times fit into 64-bit microseconds.
-
-    Parameters
-    ----------
-    t_s
-        (T,) frame times divided by the speed.
-    """
+    """Check that (T,) frame times, divided by the speed, fit into 64-bit microseconds."""
     at_speed = "" if speed == 1 else f" at speed {speed:g}"
     far = np.flatnonzero(~(np.abs(t_s) <= MAX_TIME_S))
     if far.size:
@@ -73,8 +67,7 @@ def check_spans(t_s: NDArray[np.float64], speed: float, index: int = 0) -> None:
 def whole_microseconds(t_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Round times to whole microseconds, half up; return them and the remainders, us.
 
-    Whole seconds are converted separately, so that large times, such as those since 1970, keep all
-    digits of t_s.
+    Whole seconds are converted separately, so that large times, as since 1970, keep all digits.
     """
     seconds = np.floor(t_s)
     us = (t_s - seconds) * 1e6
@@ -85,10 +78,7 @@ def whole_microseconds(t_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDA
 class FrameReader:
     """Reads frames in order: `first`, then `chunk` by chunk, of one size and a float type.
 
-    Parameters
-    ----------
-    frames
-        (T, H, W) array, or an iterable of (H, W) arrays.
+    They are a (T, H, W) array, or an iterable of (H, W) arrays.
     """
 
     def __init__(self, frames: FrameInput, count: int) -> None:

@@ -62,13 +62,7 @@ class SensorGroup:
         seed: int,
         first: int,
     ) -> SensorGroup:
-        """Initialize the group at its first frame.
-
-        Parameters
-        ----------
-        frame
-            (H, W) linear radiance.
-        """
+        """Initialize the group at its first frame, (H, W) linear radiance."""
         light = light_of(frame[None], models[0], first)
         pixels = models[0].height * models[0].width
         u = MEMORY.array(pixels)
@@ -105,19 +99,10 @@ class SensorGroup:
         rooms: Sequence[Room],
         workers: Workers,
     ) -> Iterator[tuple[int, Events]]:
-        """Simulate a chunk of frames.
+        """Simulate a chunk of frames; yield indices of models with their next events.
 
-        Parameters
-        ----------
-        chunk, index
-            (F, H, W) linear radiance, and index of its first frame.
-        t_s
-            (F + 1,) times of the frame before the chunk and of its frames.
-
-        Yields
-        ------
-        (int, Events)
-            Index of the model, and its next events.
+        The chunk is (F, H, W) linear radiance, and `index` belongs to its first frame. `t_s` is
+        (F + 1,): times of the frame before the chunk and of its frames.
         """
         light = light_of(chunk, self.models[0], index, workers.map)
         t_s = t_s / self.speeds[:, None]
@@ -206,13 +191,7 @@ def light_of(
     index: int,
     apply: Callable[..., Iterable] = map,
 ) -> PixelLight:
-    """Average frames over the pixels of a model.
-
-    Parameters
-    ----------
-    chunk, model, index
-        (F, H, W) linear radiance, the sensor, and index of the first frame.
-    """
+    """Average (F, H, W) linear radiance, from frame `index` on, over the pixels of a model."""
     dark = model.dark_level or 0.0
     if chunk.shape[1:] == (model.height, model.width):
         radiance = chunk  # one sample per pixel, so the fill factor has no effect

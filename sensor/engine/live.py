@@ -54,18 +54,10 @@ class Live:
     ) -> Iterator[tuple[int, Events]]:
         """Simulate the next frames; the events do not depend on the division into chunks.
 
-        Parameters
-        ----------
-        chunk, t_s
-            (F, H, W) linear radiance, on the device, and (F,) its times, s. The first frame of the
-            stream may also be in host memory.
-
-        Yields
-        ------
-        (int, Events)
-            Index of the model, and its next events. The parts of each model are in order, and end
-            before the microsecond of the last frame. Most are views of the columns that the model's
-            `Room` returned last.
+        The chunk is (F, H, W) linear radiance on the device, and `t_s` its (F,) times. The first
+        frame of the stream may also be in host memory. The results are indices of models with their
+        next events. The parts of each model are in order, and end before the microsecond of the
+        last frame. Most are views of the columns that the model's `Room` returned last.
         """
         rooms = rooms or self._rooms
         self.fired, begin = 0, 0

@@ -82,14 +82,9 @@ def put_first(held: Events, columns: Columns) -> None:
 
 
 def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:
-    """Put the events of the microsecond of a frame in raster order.
+    """Put the events of the microsecond of each frame in raster order, in place.
 
-    It has events of the intervals before and after the frame, each in raster order.
-
-    Parameters
-    ----------
-    columns
-        (N,) events by time; updated.
+    They come from the intervals before and after the frame, each in raster order.
     """
     arrays: tuple[NDArray, ...] = columns
     for each_us in np.unique(frame_us):  # many frames may share a microsecond

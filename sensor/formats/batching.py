@@ -14,10 +14,9 @@ PART_EVENTS = 1 << 20  # events in memory at a time
 
 
 def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
-    """Yield the same events in parts of exactly `PART_EVENTS`, except for the last one.
+    """Yield the same events in parts of exactly `PART_EVENTS`, except for the last part.
 
-    So a file depends on the events only, not on the original parts. An empty stream is one empty
-    part.
+    So a file does not depend on the original parts. An empty stream is one empty part.
     """
     held: list[Events] = []
     count = 0
@@ -78,12 +77,9 @@ def by_time(parts: Iterable[Events]) -> Iterator[Events]:
 def in_order(
     packets: Iterable[tuple[str, Events]], none: Events, *, sort: bool
 ) -> Iterator[Events]:
-    """Yield an empty part, then those of a file: sorted, or checked to be in order.
+    """Yield an empty part, then the parts of a file: sorted, or checked to be in order.
 
-    Parameters
-    ----------
-    packets
-        Where in the file a part is, for errors, and its events, whose times may be unsorted.
+    A packet has its place in the file, for errors, and its events, whose times may be unsorted.
     """
     yield none
     if sort:
@@ -113,15 +109,7 @@ def with_checked_places(
     where: str,
     like: Events,
 ) -> Events:
-    """Return read events, after a check of all but their times, which may be unsorted.
-
-    Parameters
-    ----------
-    t_us, x, y
-        (N,) times, columns and rows.
-    on
-        (N,) whether an event is ON.
-    """
+    """Return read events, after a check of all but their times, which may be unsorted."""
     p = np.where(on, 1, -1).astype(np.int8)
     with reading(where):
         Events(np.zeros_like(t_us), x, y, p, like.width, like.height)

@@ -55,17 +55,7 @@ _FIELDS = {
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """The word format of one version.
-
-    Parameters
-    ----------
-    name, version
-        Names in the header, such as EVT3 and 3.0.
-    word, layout
-        Type of the words, and the fields in them.
-    encode, decode
-        As in `evt2`.
-    """
+    """The word format of one version, with its names in the header, such as EVT3 and 3.0."""
 
     name: str
     version: str

@@ -22,15 +22,7 @@ _WRAP = 1 << 28  # values of the high part
 
 @jit
 def encode(events, width, state, words):
-    """Encode events until `words` is full.
-
-    Parameters
-    ----------
-    state
-        (STATE_SIZE,) int64, updated.
-    words
-        (m,) uint32 output.
-    """
+    """Encode events until (m,) uint32 `words` are full; return how many of both are done."""
     t, x, y, p = events
     done = 0
     high = state[evt_words.HIGH]
@@ -59,15 +51,7 @@ def encode(events, width, state, words):
 
 @jit
 def decode(words, width, height, state, events):
-    """Decode words until `events` is full or a word is wrong.
-
-    Parameters
-    ----------
-    words
-        (m,) uint32.
-    state
-        (STATE_SIZE,) int64, updated.
-    """
+    """Decode (m,) uint32 words until `events` is full or a word is wrong."""
     t, x, y, p = events
     done = 0
     high = state[evt_words.HIGH]

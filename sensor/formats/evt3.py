@@ -31,15 +31,7 @@ _MAX_WORDS = 6  # for one event or one group of vectors: time, row, start, three
 
 @jit
 def encode(events, width, state, words):
-    """Encode events until `words` is full.
-
-    Parameters
-    ----------
-    state
-        (STATE_SIZE,) int64, updated.
-    words
-        (m,) uint16 output.
-    """
+    """Encode events until (m,) uint16 `words` are full; return how many of both are done."""
     t, x, y, p = events
     done = 0
     i = 0
@@ -104,15 +96,7 @@ def encode(events, width, state, words):
 
 @jit
 def decode(words, width, height, state, events):
-    """Decode words until `events` is full or a word is wrong.
-
-    Parameters
-    ----------
-    words
-        (m,) uint16.
-    state
-        (STATE_SIZE,) int64, updated.
-    """
+    """Decode (m,) uint16 words until `events` is full or a word is wrong."""
     t, x, y, p = events
     done = 0
     high = state[evt_words.HIGH]

@@ -24,18 +24,11 @@ CHANNEL_SHIFT = 8  # place of the channel in a trigger
 
 
 class Layout(NamedTuple):
-    """Sizes and places in the words of one version.
+    """Sizes and places in the words of one version, in bits.
 
-    Parameters
-    ----------
-    kind_shift
-        Place of the type, the highest four bits.
-    high_bits, low_bits
-        Sizes of the two parts of the time.
-    low_shift
-        Place of the low part in the words of events and triggers; -1 if it has its own words.
-    channels
-        Number of trigger inputs, a power of 2.
+    The type is in the highest four bits, from `kind_shift`. `low_shift` is the place of the low
+    part of the time in the words of events and triggers; -1 if it has its own words. `channels` is
+    the number of trigger inputs, a power of 2.
     """
 
     kind_shift: int
@@ -65,13 +58,8 @@ def held(time, last, low_bits, state):
     """Return the time of an event, or of the event before it if the low part stepped back.
 
     Some cameras write a low part that is a little smaller than the last, without a new high part.
-    The clock then stands still until it catches up. If the high part steps back, the time is
-    returned as it is.
-
-    Parameters
-    ----------
-    state
-        (STATE_SIZE,) int64; counts such events and holds their largest step.
+    The clock then stands still until it catches up; `state` counts such events and holds their
+    largest step. If the high part steps back, the time is returned as it is.
     """
     if time >= last or time >> low_bits != last >> low_bits:
         return time
@@ -82,15 +70,7 @@ def held(time, last, low_bits, state):
 
 @jit
 def decode_triggers(words, layout, state, t_us, channel, p):
-    """Decode the triggers of all words; those before the first word of time are skipped.
-
-    Parameters
-    ----------
-    words
-        (m,) uint32 or uint16.
-    state
-        (STATE_SIZE,) int64, updated.
-    """
+    """Decode the triggers of all words; triggers before the first word of time are skipped."""
     wrap = 1 << layout.high_bits
     low_values = 1 << layout.low_bits
     count = 0

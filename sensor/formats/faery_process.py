@@ -49,8 +49,7 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
 def _with_stored_times(path: str, packets: Iterator[Any]) -> Iterator[Any]:
     """Yield packets of a DAT file with its own times where they run backwards.
 
-    faery gives such an event the time of the one before it, and omits a part of an event at the
-    end, which is an error here.
+    faery gives such events the time before, and omits a partial event at the end, an error here.
     """
     with open(path, "rb") as file:
         start, t0 = 0, 0

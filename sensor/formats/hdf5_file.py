@@ -46,10 +46,9 @@ def text_of(name: str | bytes) -> str:
 
 
 class Storage:
-    """A file on disk as a file object for h5py.
+    """A file on disk as a file object for h5py; only `check` and `each` raise errors.
 
-    Only `check` and `each` raise errors; write in parts, since all writes after a failure stay in
-    memory.
+    Write in parts, since all writes after a failure stay in memory.
     """
 
     def __init__(self, path: Path, signals: HeldSignals, *, new: bool) -> None:

@@ -228,12 +228,10 @@ def _any_line(data, at, order, power):
 
 @jit
 def _parse_lines(data, width, height, order, power, sort, state, events):
-    """Parse (n,) uint8 that ends with a newline into columns of events.
+    """Parse (n,) uint8 lines into events; return (bytes taken, events done, why it stopped).
 
-    `order` has the column of each number of a line, 0 to 3 for t, x, y, p; `power` of ten makes
-    microseconds of the times. With `sort` they may run backwards.
-
-    Return (bytes taken, events done, why it stopped).
+    The data end with a newline. `order` has the column of each number of a line, 0 to 3 for t, x,
+    y, p; 10^`power` makes microseconds of the times. With `sort` they may run backwards.
     """
     t, x, y, p = events
     usual = power == 6 and order[0] == 0 and order[1] == 1 and order[2] == 2
@@ -406,15 +404,10 @@ def _whole_times(path: Path, start: _Start) -> list[str]:
 def read(
     path: Path, header: Header, *, time_unit: str | None = None, sort: bool = False
 ) -> Iterator[Events]:
-    """Read the events of a text file.
+    """Read the events of a text file; the default unit is in the line of names, or seconds.
 
-    A file that is truncated between two lines looks complete. If the last line does not end, and
-    its last number may lack digits, the log has a warning.
-
-    Parameters
-    ----------
-    time_unit
-        Unit of the times, one of `TIME_UNITS`; None uses the line of names, or seconds.
+    A file that is truncated between two lines looks complete. If the last line does not end, so
+    that its last number may lack digits, the log has a warning.
     """
     start = _read_start(path)
     power = _power(path, start, time_unit)

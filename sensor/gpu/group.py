@@ -78,13 +78,8 @@ class DeviceGroup(SensorGroup):
 class _Chunk:
     """One setting of a group over a chunk of F intervals.
 
-    Parameters
-    ----------
-    group, s, light, index
-        The group, the setting, (F, P) radiance on the GPU, and index of the chunk's first frame.
-    dt_s, frame_us, after_us
-        (F,) lengths of the intervals; (F + 1,) frame times in whole microseconds, and what their
-        rounding left.
+    `light` is (F, P) radiance on the GPU, and `index` belongs to the chunk's first frame. `dt_s` is
+    (F,), `frame_us` (F + 1,) in whole microseconds, and `after_us` what their rounding left.
     """
 
     def __init__(

@@ -55,16 +55,8 @@ def launch(kernel: Any, blocks: Any, *arguments: object, threads: Any = THREADS)
 def integrate_area(frames, first_y, samples_y, weight_y, first_x, samples_x, weight_x, out):
     """Average the radiance over the area of each pixel, Eq. (3), in the order of the CPU's kernel.
 
+    (F, H, W) linear radiance in, (F, height, width) out, by the `Overlap` of rows and of columns.
     The mean of invalid radiance is NaN.
-
-    Parameters
-    ----------
-    frames
-        (F, H, W) linear radiance.
-    first_y, samples_y, weight_y, first_x, samples_x, weight_x
-        `Overlap` of the sensor's rows, and of its columns.
-    out
-        (F, height, width) output.
     """
     x, y, f = cuda.grid(3)
     if x < out.shape[2] and y < out.shape[1]:
@@ -107,31 +99,17 @@ def advance(filtered: bool, noisy: bool) -> Callable[..., Any]:
     ):  # fmt: skip
         """Count the events, or write them and update the state.
 
-        Parameters
-        ----------
-        light, dark, width
-            (F, P) linear radiance at the ends of the intervals, I_dark, and width of the sensor.
-        u, v1, v2, memory
-            (P,) state; v1 and v2 are of any size without a filter.
-        C_on, C_off, hot_hz
-            (P,) or (1,) thresholds, and (P,) or (0,) rates of hot pixels.
-        clock, start_us
-            (F, 12), each interval's `Span` and `Step`, and start of the clock of the words on that
-            of the spans.
-        poles, light_a, light_0, noise_hz, noise_exponent, log_dark, seed, first_frame
-            As in `Settings` and `fire_noise`.
-        upto
-            (F, P) int32, events of each pixel and of those before it in its block: the output of
-            the count.
-        base
-            (F, blocks) int64: the output of the count, events of each block and interval; then
-            those of all blocks before it.
-        first, words
-            Number of events before those to write, and (N,) output, packed events.
-        writes
-            False counts.
-        bad
-            (1,) set to 1 if radiance is negative, not finite, or 0 where I_dark is 0.
+        `light` is (F, P) linear radiance at the ends of the intervals, `dark` I_dark; `bad`, (1,),
+        is set to 1 if radiance is negative, not finite, or below `MIN_LIGHT` with I_dark. The state
+        is (P,), v1 and v2 of any size without a filter. Thresholds are (P,) or (1,), `hot_hz` (P,)
+        or (0,). `clock` is (F, 12), each interval's `Span` and `Step`; `start_us` is the start of
+        the words' clock on the spans' clock. The noise is as in `fire_noise`, the rest as in
+        `Settings`.
+
+        The count gives `upto`, (F, P) int32, events of each pixel and of the pixels before it in
+        its block, and `base`, (F, blocks) int64, events of each block and interval. To write,
+        `base` has the events of all blocks before it, `first` is the number of events before
+        `words`, (N,) packed events.
         """
         shared = cuda.shared.array(THREADS, np.int32)
         t, block = cuda.threadIdx.x, cuda.blockIdx.x
@@ -204,14 +182,9 @@ def advance(filtered: bool, noisy: bool) -> Callable[..., Any]:
 
 @cuda.jit
 def sums_before(values, starts):
-    """Replace values by the sums of those before them; one block of SCAN_THREADS threads.
+    """Replace (R, N) int64 by the sums of the values before; one block of SCAN_THREADS threads.
 
-    Parameters
-    ----------
-    values
-        (R, N) int64, updated.
-    starts
-        (R + 1,) int64 output: the new first value of each row, and the sum of all.
+    `starts`, (R + 1,) int64, gets the new first value of each row, and the sum of all.
     """
     shared = cuda.shared.array(SCAN_THREADS, np.int64)
     t, rows, columns = cuda.threadIdx.x, values.shape[0], values.shape[1]
@@ -251,14 +224,9 @@ def _part_sum(values, part, length):
 
 @cuda.jit
 def count_digits(words, shift, counts):
-    """Count the words of each tile by one digit of their time.
+    """Count the words of each tile by one digit of their time, from bit `shift`.
 
-    Parameters
-    ----------
-    words, shift
-        (N,) packed events, and lowest bit of the digit.
-    counts
-        (digits, tiles) int64 output.
+    `words` are (N,) packed events, `counts` (digits, tiles) int64.
     """
     own = cuda.shared.array(_COUNTS, np.int16)  # a column for each thread
     parts = cuda.shared.array(THREADS, np.int32)
@@ -281,13 +249,7 @@ def move_by_digit(words, shift, starts, out):
     """Move words to their places by one digit, without changing the order of equal digits.
 
     Each block sorts its tile in its own memory first, so that neighbors write to neighbors.
-
-    Parameters
-    ----------
-    starts
-        (digits, tiles) place of the first word of each digit and tile.
-    out
-        (N,) output.
+    `starts` is (digits, tiles), the place of the first word of each digit and tile.
     """
     tile_in = cuda.shared.array(_PADDED, np.uint64)  # a word is left out after those of a thread
     tile_out = cuda.shared.array(SORT_TILE, np.uint64)
@@ -333,15 +295,7 @@ def move_by_digit(words, shift, starts, out):
 
 @cuda.jit
 def unpack(words, start_us, t_us, x, y, p):
-    """Unpack events.
-
-    Parameters
-    ----------
-    words, start_us
-        (N,) packed events, and time of the start of their clock, us.
-    t_us, x, y, p
-        (N,) output.
-    """
+    """Unpack (N,) events, whose clock starts at `start_us`."""
     k = cuda.grid(1)
     if k < words.size:
         word = words[k]

@@ -61,12 +61,7 @@ class Scratch:
         weakref.finalize(self, _FREE.__setitem__, user, self._blocks).atexit = False
 
     def array(self, name: str, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-        """Return an array of arbitrary content.
-
-        Returns
-        -------
-        Numba's array on the GPU.
-        """
+        """Return an array of arbitrary content on the GPU."""
         shape = shape if isinstance(shape, tuple) else (shape,)
         size = max(1, math.prod(shape))
         bytes_ = size * np.dtype(dtype).itemsize
@@ -125,13 +120,7 @@ class Uploader:
         self._pool = ThreadPoolExecutor(self._threads, "upload")
 
     def copy(self, source: NDArray, target: DeviceArray) -> None:
-        """Copy an array; return when the GPU has it.
-
-        Parameters
-        ----------
-        source, target
-            C-contiguous arrays of the same shape and dtype, the second on the GPU.
-        """
+        """Copy a C-contiguous array to a target like it; return when the GPU has it."""
         source, target = source.reshape(-1), target.reshape(source.size)
         stream, most = cuda.stream(), _BUFFER_BYTES // source.itemsize
         buffers = [PINNED.array(most, source.dtype) for _ in range(2)]

@@ -32,17 +32,10 @@ _SAME_S = 1e-9  # tolerance: how much shorter than the initial path a path may b
 def ask(
     task: str, name: str, function: Callable[..., Any], *arguments: Any, **options: Any
 ) -> tuple[Any, float]:
-    """Run a function of a method.
+    """Run a function of a method; return its answer and its CPU time in all threads, s.
 
-    Parameters
-    ----------
-    task, name
-        Task and name of the method. A user's method gets copies of arrays and events: it may change
-        them in place, and other methods get the same sample.
-
-    Returns
-    -------
-    The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
+    A user's method gets copies of arrays and events: it may change them in place, and other methods
+    get the same sample.
     """
     if TASKS[task].is_own(name):
         arguments = deepcopy(arguments)
@@ -82,13 +75,8 @@ def _place(error: Exception, task: str, name: str) -> str:
 def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64]) -> FlowEstimate:
     """Check the answer of a flow method, of one patch or of all pixels.
 
-    Parameters
-    ----------
-    answer
-        What it returned: a `FlowEstimate` for a patch, (2, h, w) flow for all pixels.
-    nothing
-        Flow of a method that does nothing, of the expected shape: (2,) for a patch, (2, h, w) for
-        all pixels.
+    The answer is a `FlowEstimate` for a patch, (2, h, w) flow for all pixels. `nothing`, the flow
+    of a method that does nothing, is (2,) or (2, h, w), and replaces flow that is not finite.
     """
     estimate, start = FlowEstimate(answer), ""
     if nothing.ndim == 1:
@@ -120,17 +108,7 @@ def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstim
 def image_answer(
     task: str, name: str, answer: Any, nothing: NDArray[np.float64]
 ) -> tuple[NDArray[np.floating], str]:
-    """Check an image that a method returned.
-
-    Parameters
-    ----------
-    nothing
-        (H, W) image of a method that does nothing, of the expected shape.
-
-    Returns
-    -------
-    The image and "", or `nothing` and the reason if the image is not finite.
-    """
+    """Check a method's (H, W) image; return it and "", or `nothing` and why if it is not finite."""
     image = _numbers(task, name, answer, nothing.shape)
     if not np.all(np.isfinite(image)):
         return nothing, "the image is not finite"

@@ -27,14 +27,8 @@ CONTRAST_THRESHOLD = 0.2
 class RenderSetting:
     """Settings with which a stretch is rendered.
 
-    Parameters
-    ----------
-    spp
-        Samples per pixel.
-    max_displacement_px
-        Largest motion in the image from one frame to the next.
-    fresh_seeds
-        Whether each frame has its own random numbers, instead of one set for all frames.
+    `max_displacement_px` is the largest motion in the image from one frame to the next. With
+    `fresh_seeds`, each frame has its own random numbers, otherwise all share one set.
     """
 
     spp: int
@@ -51,15 +45,8 @@ QUICK = RenderSetting(spp=4, max_displacement_px=1.0)
 class Outcome:
     """Result of one setting, for an ideal sensor at the frames' resolution.
 
-    Parameters
-    ----------
-    setting
-        The setting.
-    frames, events
-        Their numbers in the stretch.
-    psnr_db
-        PSNR of event integration from the setting's own frame at the start of the stretch, compared
-        with the last frame of the finest setting.
+    The PSNR is of event integration from the setting's own frame at the start of the stretch,
+    against the last frame of the finest setting.
     """
 
     setting: RenderSetting
@@ -81,12 +68,7 @@ def converge(
 ) -> Iterator[Outcome]:
     """Render one stretch in the middle of a path in every setting; yield the results one by one.
 
-    The sensor sees `WARM_UP_S` of the path before the stretch.
-
-    Parameters
-    ----------
-    resolution
-        Side of frames and sensor, px.
+    The sensor sees `WARM_UP_S` of the path before the stretch. Frames and sensor are square.
     """
     start_s = 0.5 * scene.duration_s
     if not 0 < duration_s <= start_s:

@@ -56,17 +56,9 @@ def evaluate(
 ) -> Evaluation:
     """Simulate sensors on a sequence, and score every method of the tasks on their events.
 
-    A sensor of another shape than the frames sees the largest central part of its shape.
-
-    Parameters
-    ----------
-    truth
-        Ground truth of the sequence's scene.
-    tasks
-        Settings of each task, by its name; a task without methods is skipped.
-    watch
-        Called with each sensor's next events, warm-up included; from several threads, but for one
-        sensor from one thread at a time.
+    A sensor of another shape than the frames sees the largest central part of its shape. A task
+    without methods is skipped. `watch` gets each sensor's next events, warm-up included; several
+    threads call it, but for one sensor only one thread at a time.
     """
     parts: dict[tuple[int, int], tuple[RadianceSequence, GroundTruth, _Names]] = {}
     for setting in settings:

@@ -44,16 +44,7 @@ def central_part(
 ) -> tuple[RadianceSequence, GroundTruth]:
     """Return the largest central part of a sequence with the shape of a sensor, and its truth.
 
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-
-    Returns
-    -------
-    sequence, truth
-        The frames cropped to what the sensor sees, and the ground truth of the cropped camera; the
-        arguments themselves if the sensor sees all.
+    The truth is of the cropped camera. If the sensor sees all, both are the arguments themselves.
     """
     whole = sequence.camera
     if height == round(width * whole.height / whole.width):  # its pixels may not be quite square
@@ -77,13 +68,6 @@ class ReferenceFrames:
     """Frames, ground truth and log images of one sequence, to compare answers with.
 
     Log images have the dark level of a sensor. Each is computed once for all sensors that share it.
-
-    Parameters
-    ----------
-    sequence
-        The frames.
-    truth
-        Poses, depth and flow of their scene.
     """
 
     def __init__(self, sequence: RadianceSequence, truth: GroundTruth) -> None:
@@ -115,13 +99,7 @@ class ReferenceFrames:
         return self._once(key, lambda: _log(integrate(self._frame(0), *pixels), model))
 
     def camera(self, width: int, height: int) -> Camera:
-        """Return the camera of a sensor that sees all of the frames.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        """
+        """Return the camera of a sensor that sees all of the frames."""
         camera = self.truth.camera(width)
         # A narrow sensor of a shape that the frames only nearly have may be a pixel higher.
         return camera if camera.height == height else self.truth.camera(width, height)
@@ -135,17 +113,7 @@ class ReferenceFrames:
         )
 
     def picture(self, model: SensorModel, t_s: float, equalization: str) -> NDArray[np.float64]:
-        """Return the true image to compare an image of a video with.
-
-        Parameters
-        ----------
-        t_s
-            Time of the image, seconds of the sequence.
-
-        Returns
-        -------
-        (H, W) in [0, 1], at the frames' resolution.
-        """
+        """Return the true image at a time of the sequence: (H, W) as the frames, in [0, 1]."""
         with self._picturing:  # sensors are scored by several threads
             return self._picture(model.dark_level or 0.0, t_s, equalization)
 

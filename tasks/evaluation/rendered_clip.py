@@ -145,14 +145,7 @@ class RenderedClip(Source):
 def farther(T_world_cam: Float64, plane: Plane, times: float) -> Float64:
     """Move cameras away from a plane, along its normal; `Camera.zoomed` shows the same image.
 
-    Parameters
-    ----------
-    T_world_cam
-        (..., 4, 4) poses.
-
-    Returns
-    -------
-    (..., 4, 4) poses, with the same rotations.
+    (..., 4, 4) poses in and out, with the same rotations, at `times` the distance.
     """
     moved = T_world_cam.copy()
     normal = np.asarray(plane.normal)

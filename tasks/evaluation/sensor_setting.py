@@ -16,16 +16,9 @@ if TYPE_CHECKING:
 class Emulation(NamedTuple):
     """v2e's program in place of exact pixels.
 
-    Parameters
-    ----------
-    version
-        As for `sensor.emulators.v2e`.
-    every
-        It sees every so many frames, counted from the start of the window; at its end it sees one.
-    white
-        Radiance that is 255 to it.
-    name
-        As `simulator` in `Row`.
+    It sees every `every`th frame from the start of the window, and a frame at its end; `white` is
+    the radiance that is 255 to it. `version` is as for `sensor.emulators.v2e`, `name` as
+    `simulator` in `Row`.
     """
 
     version: Version
@@ -43,36 +36,14 @@ class Emulation(NamedTuple):
 class Setting:
     """A sensor, the speed of the scene, and the scored window.
 
-    Parameters
-    ----------
-    model
-        The sensor.
-    speed
-        Factor by which the scene moves faster than it was rendered.
-    start_us, end_us
-        The window [start_us, end_us), in the time of the sensor's events.
-    name
-        As `sensor` in `Row`.
-    readout
-        The bus on which the events leave; None if all leave when they fire.
-    illuminance_lux, speed_m_s
-        As in `Row`.
-    distance
-        Factor by which the camera is farther from the plane than in the frames; its focal length is
-        longer by the same factor, so the image is the same, but the pose is not.
-    scale
-        Factor by which the scene and the camera's path are larger than in the frames; with the same
-        camera, so the image is the same.
-    t_start_s
-        When the pixels start, s of the path: with the last frame at or before it, or else with the
-        first of all.
-    emulation
-        What simulates the model's pixels; None for the exact engine.
-
-    Raises
-    ------
-    TaskError
-        The window is empty, as the speed is too high.
+    The window is [start_us, end_us) in the time of the sensor's events. The scene moves `speed`
+    times as fast as it was rendered. The camera is `distance` times as far from the plane as in the
+    frames, with a focal length longer by this factor: the same image, but another pose. The scene
+    and the camera's path are `scale` times as large as in the frames, with the same camera and
+    image. Pixels start at `t_start_s` of the path: with the last frame at or before it, or else
+    with the first of all. `name` is as `sensor` in `Row`; `illuminance_lux` and `speed_m_s` are as
+    in `Row`. Without a `readout`, all events leave when they fire; without an `emulation`, the
+    exact engine simulates the pixels.
     """
 
     model: SensorModel

@@ -47,21 +47,12 @@ def unlike_two_poles(model: SensorModel) -> str | None:
 
 
 class Stretches(NamedTuple):
-    """Stretches of a path on which a study scores a task; by default, those around its samples.
+    """Stretches of a path on which a study scores a task, by default around its samples.
 
-    Attributes
-    ----------
-    continuous_s
-        Run-in and length of one stretch from the start of the path, seconds, in place of those
-        around the samples.
-    windows_before
-        Number of windows that a stretch also covers before the scored one.
-    speeds
-        Factors on the base speed, in place of the study's.
-    scenes
-        Names of the scenes; all by default.
-    window_s
-        Length of the scored windows, seconds of the path; 0 for the study's.
+    `continuous_s` is run-in and length of one stretch from the start of the path, instead. A
+    stretch also covers `windows_before` windows before the scored window, which lasts `window_s` of
+    the path, or as in the study if 0. `speeds` are factors on the base speed, in place of the
+    study's; `scenes` are names, all by default.
     """
 
     continuous_s: tuple[float, ...] = ()
@@ -125,15 +116,7 @@ class TaskSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkSettings(TaskSettings):
-    """Settings of a task with methods that need weights.
-
-    Parameters
-    ----------
-    methods
-        Names, or "package.module:function"; none to leave the task out.
-    weights
-        Files of weights by the names of the methods that need them; None for none.
-    """
+    """Settings of a task with methods that need weights: their files by the methods' names."""
 
     weights: dict[str, str] | None = None
 
@@ -413,10 +396,7 @@ def check_methods(
 ) -> None:
     """Check that all methods exist and can run, before anything is rendered.
 
-    Parameters
-    ----------
-    sizes
-        Width and height of every sensor, px, once for each light and speed.
+    `sizes` has width and height of every sensor, px, once for each light and speed.
     """
     sizes = list(sizes)
     needed: dict[str, int] = {}

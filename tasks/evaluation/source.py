@@ -47,20 +47,10 @@ class Window:
 class FlowPoints:
     """Points at which flow is scored, where searches start, and what answers are compared with.
 
-    Parameters
-    ----------
-    metric
-        Name of the score.
-    centers_px, initial_px
-        (N, 2) the points, and the flows from which searches start.
-    sigma_px
-        Standard deviation of the initial flows per component.
-    sides
-        Variants of the task by the side of their patches, px.
-    value
-        Scores a flow at the point of an index.
-    items
-        Number of each point in rows.
+    Searches at the (N, 2) centers start from the (N, 2) `initial_px`, with a standard deviation of
+    `sigma_px` per component. `metric` names the score, and `value` scores a flow at the point of an
+    index. `sides` has variants of the task by the side of their patches, px; `items` has the number
+    of each point in rows.
     """
 
     metric: str

@@ -32,22 +32,10 @@ class Stopwatch:
 class MethodTimings:
     """Work and time of one method on one sensor, over all settings.
 
-    Parameters
-    ----------
-    task, method, variant
-        As in a `Row`.
-    width
-        Width of the sensor, px.
-    estimates
-        Number of answers: images, flows, patches or paths.
-    events
-        Number of events that the method got, over all answers.
-    cpu_s, median_cpu_s
-        CPU time of the method, seconds: the sum over all answers, and their median, which the
-        compilation in the first one does not affect. What both trackers need is counted for the one
-        that is first.
-    sensor
-        As in a `Row`. Runs of older versions lack it.
+    `estimates` counts answers: images, flows, patches or paths. `cpu_s` is the CPU time of all
+    answers, `median_cpu_s` its median over them, which the compilation in the first answer does not
+    affect. What both trackers need counts for the tracker that is first. Runs of older versions
+    lack `sensor`.
     """
 
     task: str
@@ -65,36 +53,14 @@ class MethodTimings:
 class JobTimings:
     """Work and time of one job. Times are wall-clock times with all cores at work.
 
-    Frames render while sensors simulate earlier frames, and scorers take in the events of still
-    earlier ones. Time in which frames render while others work counts half for rendering and half
-    for the others, so all stages add up to the time of the job.
-
-    Parameters
-    ----------
-    scene, sample
-        Scene and sample of the job; jobs for different tasks may share them.
-    cores
-        Number of cores.
-    frames, resolution, spp
-        Number of frames that were read, their width in px, and samples per pixel.
-    reading_s
-        Time spent waiting for frames to be read or written, not rendered.
-    sensors
-        Number of sensors.
-    pixel_frames, events
-        Number of pixels times frames, and of events, over all sensors, warm-up included.
-    simulating_s
-        Time spent simulating events.
-    collecting_s
-        Time spent waiting for scorers to take in events; video methods run there.
-    scoring_s
-        Time from samples to scores, methods included.
-    methods
-        Work and time of each method.
-    rendered_frames, rendering_s
-        Number of frames that were not in the cache, and their rendering time.
-    height
-        Height of the frames, px; 0 if they are square, as in older files.
+    Time in which frames render while sensors and scorers work on earlier frames counts half for
+    rendering and half for the others, so all stages add up to the time of the job. `reading_s` is
+    spent waiting for frames to be read or written, `collecting_s` waiting for scorers to take in
+    events (video methods run there), and `scoring_s` is the time from samples to scores, methods
+    included. `frames` were read; `rendered_frames` were not in the cache. `pixel_frames`, pixels
+    times frames, and `events` are sums over all sensors, warm-up included. `resolution` is the
+    width of the frames, px; `height` is 0 if they are square, as in older files. Jobs for different
+    tasks may share `scene` and `sample`.
     """
 
     scene: str
@@ -125,16 +91,11 @@ class JobTimings:
 def split_shared_time(
     rendering_s: float, waiting_s: float, simulating_s: float, collecting_s: float
 ) -> dict[str, float]:
-    """Split the time in which frames render while sensors and scorers work on earlier ones.
+    """Split the time in which frames render while sensors and scorers work on earlier frames.
 
     Half of it counts for rendering, half for the others, so that the results add up to the elapsed
-    time.
-
-    Parameters
-    ----------
-    waiting_s, simulating_s, collecting_s
-        Times in which the sensors waited for frames, in which they simulated, and in which they
-        waited for the scorers; these do not overlap.
+    time. The times in which the sensors wait for frames, simulate, and wait for the scorers do not
+    overlap.
     """
     working_s = simulating_s + collecting_s
     shared_s = min(max(0.0, rendering_s - waiting_s), working_s)
@@ -155,13 +116,7 @@ def timings_file(timings: JobTimings) -> bytes:
 
 
 def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobTimings]:
-    """Read the timings of jobs from a folder.
-
-    Parameters
-    ----------
-    jobs
-        Keys of the jobs; the files of others, of earlier studies, are left out. None for all.
-    """
+    """Read the timings of jobs from a folder; files of other keys than `jobs` are left out."""
     files = [f for f in sorted(folder.glob("*.json")) if jobs is None or f.stem in jobs]
     timings = [read_json(JobTimings, file, ResultError) for file in files]
     return sorted(timings, key=lambda job: (job.scene, job.sample, len(job.methods)))

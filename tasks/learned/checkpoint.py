@@ -43,13 +43,9 @@ class _Inert:
 def read_checkpoint(file: Path, left_out: Iterable[str] = ()) -> Any:
     """Read a file that `write_checkpoint` or `torch.save` wrote.
 
-    Only tensors and plain values are read, since a pickle of other classes could run code.
-
-    Parameters
-    ----------
-    left_out
-        Other classes, "module.name", that the file may hold. Their objects are empty, and their
-        code is not even imported.
+    Only tensors and plain values are read, since a pickle of other classes could run code. Objects
+    of the classes in `left_out`, "module.name", are empty; the code of these classes is not even
+    imported.
     """
     classes = (name.rpartition(".") for name in left_out)
     empty = [type(name, (_Inert,), {"__module__": module}) for module, _, name in classes]

@@ -30,15 +30,10 @@ _BANDS_A_THREAD = 4  # so that other threads take over the work of a delayed one
 
 
 class Correlation:
-    """Correlation of every old cell with every new one, at four resolutions of the new ones.
+    """Correlation of each old cell with each new cell, at four resolutions of the new cells.
 
-    The average over new cells commutes with the inner product, so the new features are pooled.
-    Everything is in float32.
-
-    Parameters
-    ----------
-    old, new
-        (N, channels, h, w) features of the cells.
+    Features are (N, channels, h, w). The average over new cells commutes with the inner product, so
+    the new features are pooled. All arithmetic is in float32.
     """
 
     def __init__(self, old: Tensor, new: Tensor) -> None:
@@ -50,13 +45,7 @@ class Correlation:
     def look_up(self, at: Tensor) -> Tensor:
         """Return the correlations around one place for each old cell.
 
-        Parameters
-        ----------
-        at
-            (N, 2, h, w) places, x first, in cells; integers are centers.
-
-        Returns
-        -------
+        Places are (N, 2, h, w), x first, in cells; integers are centers. The result is
         (N, 324, h, w): level by level, then column by column of the offsets from -4 to 4,
         interpolated bilinearly, 0 outside the image.
         """
@@ -113,21 +102,10 @@ class Correlation:
 def _look_up_rows(first, last, old, new, scale, places, products, out):
     """Look up the correlations of some rows of old cells at one resolution.
 
-    The 81 places around a cell are one cell apart, so they share 10 x 10 inner products.
-
-    Parameters
-    ----------
-    old
-        (h, w, channels) float32 features.
-    new
-        (h', w', channels) float32 features, each the mean of `1 / scale` cells along each axis.
-    places
-        (2, h, w) float32, x first, in cells of `old`; integers are centers.
-    products
-        (10, 10) float32, overwritten.
-    out
-        (h, w, 81) float32, written: column by column of the offsets from -4 to 4, interpolated
-        bilinearly, 0 outside the image and at places that are not finite.
+    The 81 places around a cell are one cell apart, so they share 10 x 10 inner products. Features
+    are (h, w, channels); each of the new features is the mean of 1 / `scale` cells along each axis.
+    Places are (2, h, w), x first, in cells of `old`. `out`, (h, w, 81), is ordered as in
+    `Correlation.look_up`, and 0 at places that are not finite. All arrays are float32.
     """
     height, width, channels = new.shape
     for i in range(first, last):

@@ -38,15 +38,7 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def check_memory(name: str, width: int, height: int, needed: int) -> None:
-    """Check that a network fits into memory.
-
-    Parameters
-    ----------
-    width, height
-        Size of the image, px.
-    needed
-        Memory that it needs, bytes.
-    """
+    """Refuse a network that needs more bytes of memory than this machine has."""
     if needed > memory_bytes():
         raise WeightsError(
             f"{name}: at {width}x{height} px it needs {needed / 1e9:.1f} GB of memory, but this "

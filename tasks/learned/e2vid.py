@@ -27,13 +27,7 @@ KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
 class E2vidNetwork:
-    """E2VID with its weights.
-
-    Parameters
-    ----------
-    sums
-        Number of input channels, the last ones, that are not bins of a voxel grid.
-    """
+    """E2VID with its weights; the last `sums` input channels are not bins of a voxel grid."""
 
     normalized = True
     _padding = "reflect"
@@ -51,38 +45,19 @@ class E2vidNetwork:
         self._kept_bytes_per_px = 4 * parts * base * coarser + KEPT_BYTES_PER_PX
 
     def check_size(self, width: int, height: int) -> None:
-        """Check that the network can run on a sensor.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        """
+        """Refuse a sensor for which the network needs more memory than this machine has."""
         cpu.check_memory(self._name, width, height, self._bytes_per_px * width * height)
 
     def kept_bytes(self, width: int, height: int) -> int:
-        """Return what a sensor keeps between windows; the events of a window come on top.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        """
+        """Return what a sensor keeps between windows; the events of a window come on top."""
         return round(self._kept_bytes_per_px * width * height)
 
     def image(
         self, grid: NDArray[np.float32], states: Sequence[State] | None = None
     ) -> tuple[NDArray[np.float32], Sequence[State]]:
-        """Return the image of a window.
+        """Return the image of a window, and the states for the next window.
 
-        Parameters
-        ----------
-        grid
-            (bins, height, width) voxel grid of the window.
-
-        Returns
-        -------
-        (height, width) intensity as on a display, in [0, 1], and the states for the next window.
+        Grid: (bins + sums, height, width). Image: (height, width), as on a display, in [0, 1].
         """
         return cpu.run(self._image, grid, states)
 
@@ -98,15 +73,7 @@ class E2vidNetwork:
 
 
 def padded(grid: Tensor, multiple: int, mode: str) -> Tensor:
-    """Pad to a multiple of a number, the larger half on the left and at the top.
-
-    Parameters
-    ----------
-    grid
-        (..., H, W).
-    mode
-        "reflect", or "constant" for zeros.
-    """
+    """Pad (..., H, W) to a multiple of a number, the larger half on the left and at the top."""
     height, width = grid.shape[-2:]
     more = (-width % multiple, -height % multiple)
     sides = [side for total in more for side in ((total + 1) // 2, total // 2)]
@@ -114,14 +81,7 @@ def padded(grid: Tensor, multiple: int, mode: str) -> Tensor:
 
 
 def load(file: Path) -> E2vidNetwork:
-    """Read E2VID's weights.
-
-    Parameters
-    ----------
-    file
-        A checkpoint as published: a table with `arch` and `state_dict`. The options are those of
-        the weights.
-    """
+    """Read E2VID's weights from a checkpoint as published, a table with `arch` and `state_dict`."""
     content = read_checkpoint(file)
     if not isinstance(content, Mapping) or "state_dict" not in content:
         raise WeightsError(f"{file}: found {held(content)}, expected arch and state_dict of E2VID")

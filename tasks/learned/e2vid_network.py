@@ -25,24 +25,10 @@ _BAND = 1 << 20  # values of the gates that become a memory at a time
 class E2vidOptions:
     """Shape of the network, with the names and defaults of its checkpoints.
 
-    Parameters
-    ----------
-    num_bins
-        Bins of the voxel grid.
-    skip_type
-        How decoders combine their input with the encoders' output: "sum" or "concat".
-    recurrent_block_type
-        "convlstm" or "convgru".
-    num_encoders
-        Number of encoders, each of which halves the image.
-    base_num_channels
-        Channels at full resolution; each encoder doubles them.
-    num_residual_blocks
-        Number of residual blocks between encoders and decoders.
-    norm
-        "BN" (batch), "IN" (instance) or None.
-    use_upsample_conv
-        Whether decoders enlarge bilinearly and convolve, instead of a transposed convolution.
+    Each encoder halves the image and doubles the channels, from `base_num_channels` at full
+    resolution. Skips are "sum" or "concat", recurrent blocks "convlstm" or "convgru", and `norm` is
+    "BN" (batch), "IN" (instance) or None. With `use_upsample_conv`, decoders enlarge bilinearly and
+    convolve, instead of a transposed convolution.
     """
 
     num_bins: int
@@ -66,16 +52,9 @@ class E2VIDRecurrent(nn.Module):
     def forward(
         self, grid: Tensor, states: Sequence[State] | None = None
     ) -> tuple[Tensor, list[State]]:
-        """Return the image of a window, and the states for the next.
+        """Return (N, 1, H, W) images of a window, in (0, 1), and the state of each encoder.
 
-        Parameters
-        ----------
-        grid
-            (N, bins, H, W) voxel grids; H and W are multiples of 2 to the number of encoders.
-
-        Returns
-        -------
-        (N, 1, H, W) in (0, 1), and the state of each encoder.
+        Grids are (N, bins, H, W); H and W are multiples of 2 to the number of encoders.
         """
         return self.unetrecurrent(grid, states or [()] * self.options.num_encoders)
 
@@ -96,17 +75,7 @@ class FireNet(nn.Module):
     def forward(
         self, grid: Tensor, states: Sequence[State] | None = None
     ) -> tuple[Tensor, list[State]]:
-        """Return the image of a window, and the states for the next.
-
-        Parameters
-        ----------
-        grid
-            (N, 5, H, W) voxel grids.
-
-        Returns
-        -------
-        (N, 1, H, W), about 0 to 1, and the two states.
-        """
+        """Return (N, 1, H, W) images, about 0 to 1, of (N, 5, H, W) grids, and the two states."""
         # By bands of rows: memory of the size of all channels of an image would be new each time,
         # which costs more than the arithmetic.
         height, width = grid.shape[2:]

@@ -35,13 +35,7 @@ class ERaft:
         self._network, self.bins, self._name = network.eval(), bins, name
 
     def check_size(self, width: int, height: int) -> None:
-        """Check that the network can run on a sensor.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        """
+        """Refuse a sensor that has a side below `MIN_PX`, or needs too much memory."""
         if min(width, height) < MIN_PX:
             raise WeightsError(
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
@@ -50,27 +44,11 @@ class ERaft:
         cpu.check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 
     def kept_bytes(self, width: int, height: int) -> int:
-        """Return what a sensor keeps between windows besides events.
-
-        Parameters
-        ----------
-        width, height
-            Size of the sensor, px.
-        """
+        """Return what a sensor keeps between windows besides events."""
         return 0
 
     def flow(self, old: Float32, new: Float32, iterations: int = ITERATIONS) -> Float32:
-        """Return the flow over the new window.
-
-        Parameters
-        ----------
-        old, new
-            (bins, height, width) voxel grids of the window before, and of the window itself.
-
-        Returns
-        -------
-        (2, height, width) px, x first.
-        """
+        """Return the (2, h, w) flow over the new window, px, x first, from (bins, h, w) grids."""
         grids = (torch.from_numpy(grid)[None] for grid in (old, new))
         (full,) = cpu.run(self._network, *grids, iterations)
         return full[0].numpy()

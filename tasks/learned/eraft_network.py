@@ -21,13 +21,7 @@ _HIDDEN = 128
 
 
 class ERAFT(nn.Module):
-    """The network.
-
-    Parameters
-    ----------
-    narrower
-        Divisor of the published number of channels of each layer: 1, 2, 4, 8 or 16.
-    """
+    """The network; `narrower` divides the published channels of each layer: 1, 2, 4, 8 or 16."""
 
     def __init__(self, bins: int, narrower: int = 1) -> None:
         super().__init__()
@@ -36,16 +30,9 @@ class ERAFT(nn.Module):
         self.update_block = _UpdateBlock(narrower)
 
     def forward(self, old: Tensor, new: Tensor, iterations: int = ITERATIONS) -> list[Tensor]:
-        """Return how far pixels move from the end of the old window to that of the new one.
+        """Return how far pixels move from the end of the old window to the end of the new window.
 
-        Parameters
-        ----------
-        old, new
-            (N, bins, H, W) voxel grids of two successive windows.
-
-        Returns
-        -------
-        The flow of the pixels, (N, 2, H, W) px with x first: in training after each update,
+        Grids are (N, bins, H, W), flows (N, 2, H, W) px, x first: in training after each update,
         otherwise after the last.
         """
         height, width = old.shape[-2:]
@@ -74,12 +61,7 @@ def padded(grid: Tensor) -> Tensor:
 
 
 def cells(height: int, width: int) -> Tensor:
-    """Return the coordinates of cells.
-
-    Returns
-    -------
-    (1, 2, height, width), x first.
-    """
+    """Return the coordinates of cells, (1, 2, height, width), x first."""
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     return torch.stack([x, y])[None].float()
 
@@ -87,16 +69,8 @@ def cells(height: int, width: int) -> Tensor:
 def enlarged(flow: Tensor, weights: Tensor) -> Tensor:
     """Return the flow of pixels as convex combinations of the flow of 3 x 3 cells.
 
-    Parameters
-    ----------
-    flow
-        (N, 2, h, w), in cells.
-    weights
-        (N, 9 * 64, h, w) before the softmax over the 9 neighbors, which are in row-major order.
-
-    Returns
-    -------
-    (N, 2, 8 h, 8 w), px.
+    (N, 2, h, w) cells in, (N, 2, 8 h, 8 w) px out. Weights are (N, 9 * 64, h, w) before the softmax
+    over the 9 neighbors, in row-major order.
     """
     count, _, height, width = flow.shape
     share = weights.view(count, 1, 9, CELL_PX, CELL_PX, height, width).softmax(dim=2)

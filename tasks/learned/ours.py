@@ -22,13 +22,7 @@ RECONSTRUCTION, FLOW = "eres reconstruction", "eres flow"
 def save(
     file: Path, network: nn.Module, architecture: str, light: str, origin: Mapping[str, int]
 ) -> None:
-    """Write weights in half precision.
-
-    Parameters
-    ----------
-    light
-        "ideal" or "all": the light of the crops on which it was trained.
-    """
+    """Write weights in half precision; the light of the training crops is "ideal" or "all"."""
     weights = dict(copy.deepcopy(network).half().cpu().state_dict())
     content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
     write_checkpoint(file, content)

@@ -28,25 +28,7 @@ _MIN_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is t
 
 
 def even_window_us(step_us: float) -> float:
-    """Return the length of windows of which a whole number fits between two images.
-
-    Parameters
-    ----------
-    step_us
-        Time between two images, us.
-
-    Returns
-    -------
-    The length, us: the number of windows is the whole one nearest to that of usual windows.
-
-    Examples
-    --------
-    Images at 30 Hz have one window each, images at 10 Hz four:
-
-    >>> from tasks.methods.e2vid import even_window_us
-    >>> round(even_window_us(1e6 / 30)), even_window_us(1e6 / 10)
-    (33333, 25000.0)
-    """
+    """Return the length of windows near `WINDOW_US` of which a whole number fits between images."""
     return step_us / max(1, round(step_us / WINDOW_US))
 
 
@@ -64,14 +46,8 @@ class Network(Protocol):
 class E2vid:
     """E2VID or FireNet on the events of one sensor.
 
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    window_us
-        Length of the windows, us. They begin at multiples of it, and after images.
-    events_per_px
-        Number of events per pixel in a window, instead of a length; the original has 0.35.
+    Windows last `window_us`, and begin at multiples of it and after images; or they have
+    `events_per_px` events per pixel, 0.35 in the original.
     """
 
     def __init__(

@@ -27,12 +27,7 @@ class Network(Protocol):
 
 
 def estimate(sample: DenseFlowSample, *, network: Network) -> NDArray[np.float32]:
-    """Estimate the flow of every pixel over the window.
-
-    Returns
-    -------
-    (2, height, width) px, x first.
-    """
+    """Estimate the flow of every pixel over the window, (2, height, width) px, x first."""
 
     def grid(events: Events) -> NDArray[np.float32]:
         return voxel_grid(events, network.bins, convention="eraft")

@@ -22,17 +22,9 @@ _MAX_KEPT = 1 / 2
 
 
 def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
-    """Return a method's network with its weights.
+    """Return a method's network with its weights, the same object for the same file.
 
-    Parameters
-    ----------
-    weights
-        Files of weights by the names of methods. Others have the weights that come with eres, if
-        there are any.
-
-    Returns
-    -------
-    What the reader of the method's `MethodSpec` returns; the same object for the same file.
+    Methods without a file in `weights` have the weights that come with eres, if there are any.
     """
     file = weights_of(name, weights)
     if file is None:
@@ -65,11 +57,7 @@ def digests(weights: Mapping[str, str] | None, names: Iterable[str]) -> dict[str
 def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str]:
     """Return the file of weights of each method, from NAME=FILE or a bare FILE.
 
-    Parameters
-    ----------
-    given
-        The options, NAME=FILE or FILE. A bare FILE is for the one method that needs weights, or
-        else for the one network.
+    A bare FILE is for the only method that needs weights, or else for the only network.
     """
     known = [name for spec in TASKS.values() for name in spec.networks]
     networks = [name for name in dict.fromkeys(methods) if name in known]
@@ -111,13 +99,7 @@ def _version(file: str) -> tuple[Path, int, int]:
 
 
 def check_kept(needed: Mapping[str, int], sensors: int) -> None:
-    """Check that what networks keep for all sensors at a time leaves half of the memory free.
-
-    Parameters
-    ----------
-    needed
-        What each network keeps for all sensors together, bytes, by its name.
-    """
+    """Refuse networks that keep, in bytes for all sensors, more than half of the memory."""
     if (total := sum(needed.values())) > _MAX_KEPT * memory_bytes():
         raise WeightsError(
             f"{' and '.join(needed)}: for {sensors} sensors (one for each light and speed) "

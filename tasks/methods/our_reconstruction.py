@@ -26,15 +26,7 @@ DECAYS = (0.004, 0.015, 0.25, PER_EVENT_DECAY)
 
 
 class InputGrids:
-    """Turns the events of successive windows into the network's inputs.
-
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    contrast_threshold
-        C, log units.
-    """
+    """Turns the events of successive windows into the network's inputs."""
 
     def __init__(self, width: int, height: int, contrast_threshold: float, bins: int) -> None:
         self._C, self._bins = contrast_threshold, bins
@@ -43,12 +35,9 @@ class InputGrids:
         self._places = np.empty(AHEAD, np.uint64)
 
     def push(self, events: Events) -> NDArray[np.float32]:
-        """Return the input of the next window.
+        """Return the input of the next window, (bins + 4, height, width), log units.
 
-        Returns
-        -------
-        (bins + 4, height, width), log units: the voxel grid, and the sums at the window's end in
-        the order of `DECAYS`.
+        The voxel grid comes first, then the sums at the window's end in the order of `DECAYS`.
         """
         sums = self._sums.reshape(-1, len(DECAYS))
         _add(sums, events.width, events.columns, self._C, self._left, self._places)

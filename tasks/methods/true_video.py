@@ -24,14 +24,8 @@ Float64 = NDArray[np.float64]
 class TrueLight:
     """The light of a sequence on the pixels of a sensor, in the time of the sensor's events.
 
-    Parameters
-    ----------
-    dark_level
-        Added to the radiance before the logarithm.
-    cutoff_hz
-        Corner frequency of each of the photoreceptor's two poles.
-    fill_factor
-        Light-sensitive share of the area of a pixel.
+    `dark_level` is added to the radiance before the logarithm. Both poles of the photoreceptor have
+    `cutoff_hz`. `fill_factor` is the light-sensitive share of a pixel's area.
     """
 
     sequence: RadianceSequence
@@ -48,13 +42,7 @@ class TrueLight:
 
 @dataclass
 class _Oracle:
-    """An oracle at the resolution of one sensor, whose events it ignores.
-
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    """
+    """An oracle at the resolution of one sensor, whose events it ignores."""
 
     width: int
     height: int

@@ -38,12 +38,9 @@ class Flow(Problem):
         return ERAFT(self.settings.bins, self.settings.narrower)
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
-        """As `Problem.sample`.
+        """As `Problem.sample`: (pairs + 1, bins, S, S) grids, each paired with the next, and flows.
 
-        Returns
-        -------
-        (pairs + 1, bins, S, S) grids: a pair is one and the next; (pairs, 2, S, S) flow from the
-        start of the second window of a pair to its end, px.
+        Flows are (pairs, 2, S, S) px, from the start of a pair's second window to its end.
         """
         grids = [voxel_grid(one, self.settings.bins, convention="eraft") for one in crop.events]
         flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]

@@ -45,15 +45,10 @@ _BYTES_A_WEIGHT = 14  # on disk: half precision, and with two moments in the che
 
 
 class Training:
-    """A network on its device, with its optimizer and how far it is.
+    """A network on its device, by default a GPU if there is one, with its optimizer and step.
 
     On the processor of the same machine, with the same number of threads, an interrupted training
-    ends with the same weights as an uninterrupted one.
-
-    Parameters
-    ----------
-    device
-        "cpu", "cuda", or by default a GPU if there is one.
+    ends with the same weights as an uninterrupted training.
     """
 
     def __init__(self, problem: Problem, device: str | None) -> None:
@@ -254,19 +249,9 @@ def start(
 ) -> tuple[Problem, Scores]:
     """Start or continue a training; the log first gives its time, memory and disk space.
 
-    Parameters
-    ----------
-    light
-        "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each.
-    seed
-        Seed of the crops and of the initial weights. The light changes neither the textures,
-        motions and thresholds of the crops nor the initial weights.
-    dry_run
-        Whether only to log what it would take; there are no scores then.
-
-    Returns
-    -------
-    The problem with its network, and scores on the held-out crops, by light.
+    `light` is "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each. It changes
+    neither textures, motions and thresholds of the crops nor the initial weights, all drawn from
+    `seed`. The scores are on the held-out crops, by light; a dry run only logs, without scores.
     """
     problem: Problem
     if isinstance(settings, FlowTraining):

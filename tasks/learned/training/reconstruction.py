@@ -35,11 +35,11 @@ _OTHERS = 0.1  # factor on the other channels' initial weights in the output lay
 class Reconstruction(Problem):
     """Images from windows of events, histogram-equalized as for the score.
 
-    The loss of an image is the logarithm of its mean squared error against the histogram-equalized
-    true picture: ranks are what the metric compares, and it compares them in dB. With the error
-    itself, the images that nothing can reconstruct would decide what is learned. Ranks are those in
-    an area as large as a tile of the score on wide sensors. On narrow ones tiles are smaller; so
-    the same is added for tiles of the image, each brought to the mean and contrast of ranks.
+    The loss of an image is the logarithm of its mean squared error against the equalized true
+    picture, as the metric compares ranks in dB; with the error itself, images that nothing can
+    reconstruct would decide what is learned. Ranks are taken in an area as large as a tile of the
+    score on wide sensors. Tiles on narrow sensors are smaller, so the loss is added for tiles of
+    the image, each brought to the mean and contrast of ranks.
     """
 
     architecture = RECONSTRUCTION
@@ -75,11 +75,8 @@ class Reconstruction(Problem):
     def sample(self, crop: Crop, run_in: int) -> Arrays:
         """As `Problem.sample`; events of the windows before still enter the sums.
 
-        Returns
-        -------
-        (windows, bins + 4, S, S) inputs of the network, and (windows, S, S) true images at the end
-        of each window, as the scorer shows them: the brightness of a pixel is its rank in an area
-        around the crop, in [0, 1].
+        Inputs are (windows, bins + 4, S, S), true images at the ends of the windows (windows, S, S)
+        in [0, 1]: a pixel's brightness is its rank in an area around the crop.
         """
         side_px, ranked_px = crop.events[0].width, self.settings.ranked_px
         inputs = InputGrids(side_px, side_px, crop.contrast_threshold, self.settings.bins)
@@ -149,14 +146,7 @@ class Reconstruction(Problem):
 def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
     """Bring each tile to the mean and the standard deviation of ranks, 1/2 and 1/sqrt(12).
 
-    Parameters
-    ----------
-    images
-        (B, S, S), S a multiple of the number of tiles.
-
-    Returns
-    -------
-    (B * tiles^2, S / tiles, S / tiles), row by row. A tile without contrast is gray.
+    (B, S, S) in, (B * tiles^2, S / tiles, S / tiles) out, row by row. A flat tile is gray.
     """
     side = images.shape[1] // tiles
     parts = images.unfold(1, side, side).unfold(2, side, side).reshape(-1, side, side)

@@ -24,15 +24,7 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FinalScores:
-    """The content of scores.json.
-
-    Parameters
-    ----------
-    scores
-        Mean scores on the held-out crops by light: of the network, then of each baseline.
-    seconds
-        Time that the training took, s.
-    """
+    """The content of scores.json: by light, mean scores of the network, then of each baseline."""
 
     score: str
     baselines: tuple[str, ...]
@@ -70,11 +62,8 @@ def opened(
 ) -> Iterator[None]:
     """Create or continue the folder of a training, locked against other processes.
 
-    Parameters
-    ----------
-    made_with
-        Code, machine and versions of this start; those of earlier ones that left a checkpoint are
-        kept next to them.
+    `made_with` has code, machine and versions of this start. Earlier starts that left a checkpoint
+    are kept next to it.
     """
     file = folder / SETTINGS_FILE
     try:

@@ -35,12 +35,8 @@ def _check(settings: object, name: str, holds: bool, expected: str) -> None:
 class Schedule:
     """How long and how fast to learn.
 
-    Parameters
-    ----------
-    learning_rate
-        Largest learning rate. It rises linearly, and falls to 0 along a cosine over all steps.
-    validation_crops
-        Number of held-out crops, each seen with ideal pixels and at cutoffs of 200 Hz and 50 Hz.
+    The learning rate rises linearly to `learning_rate`, and falls to 0 along a cosine over all
+    steps. Each held-out crop is seen with ideal pixels and at cutoffs of 200 Hz and 50 Hz.
     """
 
     steps: int = 4800
@@ -74,20 +70,12 @@ class FlowSchedule(Schedule):
 class ReconstructionTraining:
     """Training of our network for reconstruction.
 
-    Parameters
-    ----------
-    run_in_windows
-        Largest number of windows before those that are learned from; each step draws its own
-        number. Their events enter the sums of events, so that the network sees sums of all ages.
-    windows_at_once
-        Number of windows through which gradients flow, a divisor of `windows`. The network's memory
-        lasts through all windows.
-    ranked_px
-        Side of the area around a crop in which pixels are ranked, px. A pixel's rank is its target;
-        so it depends on what the crop does not show. Held-out crops are as large.
-    tiles
-        Number of tiles along a side of a crop, in which images are compared once more, whatever
-        their mean and contrast.
+    Each step draws how many windows come before the learned windows, at most `run_in_windows`.
+    Their events enter the sums of events, so that the network sees sums of all ages. Gradients flow
+    through `windows_at_once` windows, a divisor of `windows`; the network's memory lasts through
+    all. A pixel's target is its rank in an area of `ranked_px` around the crop, so it depends on
+    what the crop does not show. Held-out crops are as large as this area. Images are also compared
+    in `tiles` x `tiles` tiles, whatever their mean and contrast.
     """
 
     crops: Crops = field(default_factory=Crops)
@@ -121,15 +109,9 @@ class ReconstructionTraining:
 class FlowTraining:
     """Training of our network for dense flow.
 
-    Parameters
-    ----------
-    narrower
-        Divisor of the number of channels of each of E-RAFT's layers: 1, 2, 4, 8 or 16.
-    windows
-        Number of windows of each crop; all but the first are learned from, each with the one before
-        it.
-    fading
-        Weight of an update in the loss relative to the next one's.
+    `narrower` divides the number of channels of each of E-RAFT's layers: 1, 2, 4, 8 or 16. All
+    windows of a crop but the first are learned from, each with the window before it. An update
+    weighs `fading` times as much in the loss as the next update.
     """
 
     crops: FlowCrops = field(default_factory=FlowCrops)
@@ -171,13 +153,7 @@ FLOWS = {
 
 
 def find_training(known: dict[str, T], name: str) -> T:
-    """Return the settings of a training.
-
-    Parameters
-    ----------
-    name
-        One of the names, or a TOML file with some of the fields; the others have their defaults.
-    """
+    """Return known settings by name, or from a TOML file, with defaults for its missing fields."""
     if name in known:
         return known[name]
     if not name.endswith(".toml"):

@@ -141,13 +141,7 @@ def off_grid(sample: FlowSample) -> FlowSample:
 
 @jit_contract_in_place
 def contrast_at(patch, work, vx, vy):
-    """Compute the contrast at the flow (vx, vy), px per window.
-
-    Parameters
-    ----------
-    vx, vy
-        The flow, px per window.
-    """
+    """Compute the contrast at the flow (vx, vy), px per window."""
     work.pixels[:] = 0.0
     _vote(patch, vx, vy, work)
     if patch.around_even:

@@ -16,17 +16,11 @@ MAX_IMAGES = 200  # so does this number of images
 
 @jit_in_place
 def find_sharpest(patch, work, initial, reach, simplex):
-    """Search for the flow of the greatest contrast near the initial one.
+    """Search for the flow of the greatest contrast near the initial flow, (2,) px per window.
 
-    Parameters
-    ----------
-    initial
-        (2,) flow from which to start, px per window.
-    reach
-        Largest distance from the initial flow per component, px.
-    simplex
-        (3, 3): a row for each of the first three points: x and y from the initial flow, and room
-        for the loss. Overwritten by the last three points, the best one first.
+    `reach` is the largest distance from the initial flow per component, px. `simplex` is (3, 3):
+    each row has x and y of a point from the initial flow, and room for the loss. The last three
+    points overwrite the first three, the best point first.
     """
     for i in range(3):
         simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
@@ -88,10 +82,9 @@ def _extent(simplex):
 
 @jit_in_place
 def _across(simplex, factor):
-    """Return the middle of the two best points, moved away from the worst one.
+    """Return the middle of the two best points, moved away from the worst point.
 
-    It moves by `factor` times its distance from the worst point, and toward it if `factor` is
-    negative.
+    It moves by `factor` times its distance from the worst point; a negative factor moves it closer.
     """
     x = (1.0 + factor) * ((simplex[0, 0] + simplex[1, 0]) / 2.0) - factor * simplex[2, 0]
     y = (1.0 + factor) * ((simplex[0, 1] + simplex[1, 1]) / 2.0) - factor * simplex[2, 1]

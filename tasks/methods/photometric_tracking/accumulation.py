@@ -33,13 +33,7 @@ class Loss(NamedTuple):
 
 
 class RobustSum(NamedTuple):
-    """The robust cost of a path with its derivatives.
-
-    Parameters
-    ----------
-    gradient, hessian
-        (6 M,) gradient and (6 M, 6 M) Gauss-Newton Hessian in the M control poses.
-    """
+    """Robust cost of a path, with (6 M,) gradient and Gauss-Newton Hessian in M control poses."""
 
     cost: float
     gradient: Float64

@@ -63,11 +63,9 @@ class Problem(NamedTuple):
 
 
 def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
-    """Select the events of a sample that have another one before or after them at their pixel.
+    """Select the events of a sample that have another event before or after them at their pixel.
 
-    Returns
-    -------
-    The problem, and why it cannot be solved, or "".
+    The text says why the problem cannot be solved, or is "".
     """
     inside = sample.t_us < duration_us  # there may be events after the end of the path
     follows = inside & (sample.t_before_us >= 0)

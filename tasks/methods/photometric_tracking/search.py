@@ -108,13 +108,7 @@ def cholesky_solve(A, b):
 
 
 def moved(path: Trajectory, step: Float64) -> Trajectory:
-    """Move and turn the control poses of a path.
-
-    Parameters
-    ----------
-    step
-        (M, 6): translations, then rotation vectors that are applied on the left.
-    """
+    """Move control poses by (M, 6): translations, then rotation vectors applied on the left."""
     controls = path.controls.copy()
     controls[:, :3, 3] += step[:, :3]
     controls[:, :3, :3] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ controls[:, :3, :3]

@@ -154,8 +154,7 @@ def _judge(
 def _extended(path: Trajectory, by_us: int) -> Trajectory:
     """Extend a path with its mean velocity.
 
-    The last control pose is replaced too: the path hardly depends on it, so the search leaves it
-    undetermined.
+    The last control pose is replaced too, as the search leaves it undetermined.
     """
     interval_us, _ = knots_us(path)
     end_s, interval_s = path.duration_s, 1e-6 * interval_us
