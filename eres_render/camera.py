@@ -523,22 +523,6 @@ def plane_homography(
 
 
 def map_pixels(H: Float64, points_px: Float64) -> Float64:
-    """Map pixels by a homography.
-
-    Parameters
-    ----------
-    H
-        (..., 3, 3).
-    points_px
-        (N, 2) pixels.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from eres_render.camera import map_pixels
-    >>> twice_as_large = np.diag([2.0, 2.0, 1.0])
-    >>> map_pixels(twice_as_large, np.array([[10.0, 20.0]]))
-    array([[20., 40.]])
-    """
+    """Map (N, 2) pixels by a homography, (..., 3, 3), to (..., N, 2) pixels."""
     mapped = points_px @ np.swapaxes(H[..., :2], -1, -2) + H[..., None, :, 2]
     return mapped[..., :2] / mapped[..., 2:]

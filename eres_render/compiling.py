@@ -18,17 +18,12 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
 def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
-    """Return a decorator that compiles kernels and caches them until one of them is edited.
+    """Return a decorator that compiles kernels and caches them until a kernel is edited.
 
-    Numba caches a compiled function until its own file changes. A kernel contains the code of the
-    kernels that it calls, so the cache of each depends on all files with kernels in their folder.
-    Of several processes that need a kernel, one compiles it and the others wait for it.
+    Numba caches a compiled function until its own file changes, but a kernel contains the code of
+    the kernels that it calls, so an edit of any file with kernels in the folder counts. Of several
+    processes that need a kernel, only a single process compiles it. `options` go to `numba.njit`.
     `sensor.compiling` has the same, as neither package imports the other.
-
-    Parameters
-    ----------
-    options
-        Options of `numba.njit`, in addition to a cache, no GIL and the error model of numpy.
     """
     sources = map(Path.read_bytes, sorted(folder.rglob("*.py")))
     stamp = hashlib.sha256(b"".join(text for text in sources if b"jit" in text)).hexdigest()
@@ -46,11 +41,7 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
 
 
 def _compile_once(kernel: Any) -> None:
-    """Let one process at a time compile a kernel; the next finds it in the cache.
-
-    Without the lock, two processes that write to Numba's cache at once may store the code of one
-    signature as that of another.
-    """
+    """Let one process at a time compile a kernel, as Numba's cache may mix up concurrent writes."""
     compile_or_load = kernel.compile
     lock = Path(f"{kernel._cache._cache_file._index_path}.lock")
 

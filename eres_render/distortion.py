@@ -148,15 +148,7 @@ class Distortion:
 
 
 def polynomials(x: Any, y: Any, lens: Distortion) -> tuple[Any, Any, Any, Any, Any]:
-    """Return where the polynomials of a lens show directions, and their symmetric Jacobian.
-
-    Returns
-    -------
-    x, y
-        Where they are shown.
-    xx, xy, yy
-        Derivatives: of x by x, of x by y and of y by x, of y by y.
-    """
+    """Return x and y through a lens's polynomials, and their symmetric Jacobian as xx, xy, yy."""
     k1, k2, p1, p2, k3 = lens.k1, lens.k2, lens.p1, lens.p2, lens.k3
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

@@ -75,10 +75,7 @@ class BackendError(RenderError):
 
 @contextmanager
 def reading(file: Path, format: str, error: type[ValueError]) -> Iterator[None]:
-    """Turn any failure to read a file into an error that starts with the file's name.
-
-    Libraries raise errors of any class on damaged files, so all are caught.
-    """
+    """Turn any exception while a file is read into an error that starts with the file's name."""
     try:
         yield
     except (RenderError, error) as reason:
@@ -116,36 +113,13 @@ def suggestion(name: str, known: Collection[str]) -> str:
 def check_positive(
     name: str, value: float, error: type[ValueError], expected: str = "a positive number"
 ) -> None:
-    """Refuse a number that is not positive and finite.
-
-    Parameters
-    ----------
-    expected
-        The valid values in words, such as a number with a unit.
-
-    Examples
-    --------
-    >>> from eres_render.errors import RenderError, check_positive
-    >>> check_positive("step_s", 0.05, RenderError)
-    >>> check_positive("step_s", 0.0, RenderError)
-    Traceback (most recent call last):
-    eres_render.errors.RenderError: step_s: found 0.0, expected a positive number
-    """
+    """Refuse a number that is not positive and finite; `expected` describes the valid values."""
     if not 0 < value < math.inf:
         raise error(f"{name}: found {value}, expected {expected}")
 
 
 def check_spp(spp: int, error: type[ValueError]) -> None:
-    """Refuse a number of samples per pixel that the multijittered sampler cannot lay out.
-
-    Examples
-    --------
-    >>> from eres_render.errors import RenderError, check_spp
-    >>> check_spp(16, RenderError)
-    >>> check_spp(5, RenderError)
-    Traceback (most recent call last):
-    eres_render.errors.RenderError: spp: found 5, expected a square or almost, such as 4, 6 or 9
-    """
+    """Refuse a number of samples per pixel that the multijittered sampler cannot lay out."""
     rows = math.isqrt(max(spp, 0))
     if rows == 0 or spp % rows:
         raise error(f"spp: found {spp}, expected a square or almost, such as 4, 6 or 9")

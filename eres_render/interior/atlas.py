@@ -36,10 +36,7 @@ class Atlas:
     rows: int
 
     def paint(self, texels_per_cell: int, seed: int) -> Float32:
-        """Return the texture.
-
-        Paint covers the empty cells around a chart too, so that filtered look-ups stay inside it.
-        """
+        """Return the texture, painted around each chart too, for filtered look-ups at the edge."""
         k = texels_per_cell
         texels = np.full((self.rows * k, self.columns * k), 0.5, dtype=np.float32)
         for i, (chart, at) in enumerate(zip(self.charts, self.places, strict=True)):
@@ -83,13 +80,7 @@ def _ply(
 
 
 def layout(charts: Sequence[Chart], columns: int) -> Atlas:
-    """Place charts on shelves of a rectangle, tallest first.
-
-    Parameters
-    ----------
-    columns
-        Width of the rectangle in cells; it grows if a chart needs more.
-    """
+    """Place charts on shelves of a rectangle at least `columns` cells wide, tallest first."""
     sides = [tuple(max(1, round(side / CELL_M)) for side in chart.size_m) for chart in charts]
     columns = max(columns, max(width for width, _ in sides) + 2)
     places: dict[int, Place] = {}

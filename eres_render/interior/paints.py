@@ -12,13 +12,7 @@ from eres_render.textures.wood import wood
 
 
 def wooden(tone: float, ring_m: float = 0.018) -> FacePainter:
-    """Return wood whose grain runs along a board's longest side.
-
-    Parameters
-    ----------
-    ring_m
-        Distance between growth rings, m.
-    """
+    """Return wood with its grain along a board's longest side and growth rings `ring_m` apart."""
     return lambda along_u: partial(wood, tone=tone, along_u=along_u, ring_m=ring_m)
 
 

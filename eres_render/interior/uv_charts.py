@@ -25,16 +25,9 @@ FacePainter = Callable[[bool], Painter]
 class Chart:
     """A grid of points with a painter.
 
-    Parameters
-    ----------
-    points
-        (rows, columns, 3), meters.
-    normals
-        (rows, columns, 3), of length 1, out of the front.
-    t, s
-        (rows,) and (columns,) where the grid's lines lie on the rectangle, from 0 to 1.
-    solid
-        (rows - 1, columns - 1) bool: which cells of the grid exist; False at a hole.
+    `points`, m, and `normals`, of length 1 and out of the front, are (rows, columns, 3). `t`
+    (rows,) and `s` (columns,) place the grid's lines on the rectangle, from 0 to 1. `size_m` is the
+    rectangle's width and height. `solid` (rows - 1, columns - 1) is False at a hole.
     """
 
     points: Float64
@@ -47,13 +40,7 @@ class Chart:
 
 
 def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[Chart]:
-    """Return charts turned about the z axis, then shifted.
-
-    Parameters
-    ----------
-    shift_m
-        (3,) shift after the turn, m.
-    """
+    """Return charts turned about the z axis, then shifted by (3,) m."""
     turn_rad = np.deg2rad(turn_deg)
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -65,15 +52,7 @@ def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[
 
 
 def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart:
-    """Return a curved, smoothly shaded chart through a grid of points.
-
-    Parameters
-    ----------
-    points
-        (rows, columns, 3), m.
-    t, s
-        (rows,) and (columns,) positions of the grid's lines on the rectangle, 0 to 1.
-    """
+    """Return a curved, smoothly shaded chart through points; all arrays are as in `Chart`."""
     p = np.asarray(points, dtype=np.float64)
     along_v, along_u = np.gradient(p, axis=0), np.gradient(p, axis=1)
     normals = np.cross(along_v, along_u)
@@ -87,15 +66,7 @@ def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart
 
 
 def rectangle(corner: ArrayLike, right: ArrayLike, down: ArrayLike, paint: Painter) -> Chart:
-    """Return a flat rectangular chart.
-
-    Parameters
-    ----------
-    corner
-        (3,) the corner at the top left, m.
-    right, down
-        (3,) the two sides that leave the corner, m.
-    """
+    """Return a flat rectangular chart, by its corner at the top left and its sides, (3,) m each."""
     return plate(corner, right, down, paint, (0.0, 1.0), (0.0, 1.0))
 
 
@@ -108,15 +79,7 @@ def plate(
     s: tuple[float, ...],
     hole: tuple[int, int] | None = None,
 ) -> Chart:
-    """Return a flat rectangular chart that is cut into a grid, optionally with a hole.
-
-    Parameters
-    ----------
-    corner
-        (3,) the corner at the top left, m.
-    right, down
-        (3,) the two sides that leave the corner, m.
-    """
+    """Return a `rectangle` that is cut at `t` and `s` as in `Chart`, without the cell `hole`."""
     corner, right, down = (np.asarray(x, dtype=np.float64) for x in (corner, right, down))
     points = corner + np.multiply.outer(t, down)[:, None] + np.multiply.outer(s, right)
     normal = np.cross(down, right)
@@ -142,24 +105,12 @@ _FACES = {
 def box(
     low: ArrayLike, high: ArrayLike, paint: FacePainter, without: tuple[str, ...] = ()
 ) -> list[Chart]:
-    """Return the faces of a box between two corners.
-
-    Parameters
-    ----------
-    low, high
-        (3,) two opposite corners, m.
-    """
+    """Return the faces of a box between two opposite corners, (3,) m."""
     return [face(name, low, high, paint) for name in _FACES if name not in without]
 
 
 def face(name: str, low: ArrayLike, high: ArrayLike, paint: FacePainter) -> Chart:
-    """Return one face of a box.
-
-    Parameters
-    ----------
-    low, high
-        (3,) two opposite corners, m.
-    """
+    """Return a single face of a box between two opposite corners, (3,) m."""
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
     corner, (u, u_sign), (v, v_sign) = _FACES[name]
@@ -176,15 +127,7 @@ def rounded_box(
     paint: FacePainter,
     without: tuple[str, ...] = (),
 ) -> list[Chart]:
-    """Return the faces of a box with round edges; each face has half of each of its edges.
-
-    Parameters
-    ----------
-    low, high
-        (3,) two opposite corners, m.
-    radius_m
-        Radius of the edges, m.
-    """
+    """Return the faces of a `box` with round edges; each face has half of each of its edges."""
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
     core = ends + radius_m * np.array([[1.0], [-1.0]])
@@ -209,13 +152,7 @@ def rounded_box(
 
 
 def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: int = 32) -> Chart:
-    """Return the surface of revolution of a profile about the z axis.
-
-    Parameters
-    ----------
-    radii_m, heights_m
-        (N,) the profile from top to bottom, m.
-    """
+    """Return the surface of revolution about z of a profile from top to bottom, (N,) m."""
     r, z = np.asarray(radii_m, dtype=np.float64), np.asarray(heights_m, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, segments + 1)
 
@@ -233,15 +170,7 @@ def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: in
 
 
 def both_sides(chart: Chart, apart_m: float = 0.002) -> list[Chart]:
-    """Return the two sides of a thin sheet.
-
-    Parameters
-    ----------
-    chart
-        The sheet's front.
-    apart_m
-        Distance of the back from the front, m.
-    """
+    """Return the two sides of a thin sheet, `chart` as its front and a back `apart_m` behind."""
     back = replace(
         chart,
         points=(chart.points - apart_m * chart.normals)[:, ::-1],

@@ -34,31 +34,12 @@ class Poses:
 
 
 def path_times(duration_s: float) -> Float64:
-    """Return times from 0 to the end of a path, at most `STEP_S` apart.
-
-    Parameters
-    ----------
-    duration_s
-        How long the path lasts, s.
-
-    Returns
-    -------
-    t_s
-        (N,) times, s.
-    """
+    """Return the times from 0 to the end of a path, (N,) s, at most `STEP_S` apart."""
     return np.linspace(0.0, duration_s, int(np.ceil(duration_s / STEP_S)) + 1)
 
 
 def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
-    """Return a random camera path about the origin; z is up, and it looks roughly along y.
-
-    It stays within 1 m of the origin.
-
-    Parameters
-    ----------
-    duration_s
-        How long it lasts, s.
-    """
+    """Return a random path within 1 m of the origin that looks roughly along y; z is up."""
     turn, pitch = rng.uniform(-0.4, 0.4), rng.uniform(-0.2, 0.2)
     home = look_at((0, 0, 0), (np.sin(turn), np.cos(turn), np.sin(pitch)), (0, 0, 1))
     knot_s = float(rng.uniform(*_KNOT_S))
@@ -80,17 +61,10 @@ def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
 
 
 def object_path(center_m: Float64, duration_s: float, rng: np.random.Generator) -> Poses:
-    """Return a random path of an object: it swings about a place, and spins evenly.
+    """Return a random path of an object: it swings about a place, (3,) m, and spins evenly.
 
-    Along each axis it is a sine of its own reach and frequency (a Lissajous figure), so it stays
-    near the place however long it lasts.
-
-    Parameters
-    ----------
-    center_m
-        (3,) the place, m.
-    duration_s
-        How long the path lasts, s.
+    Along each axis it is a sine of its own reach and frequency (a Lissajous figure), so the object
+    stays near the place however long the path lasts.
     """
     t_s = path_times(duration_s)
     reach_m = rng.uniform(*_REACH_M, 3)

@@ -151,14 +151,8 @@ def _place(
 ) -> tuple[Poses, float, float] | None:
     """Find a place in the camera's view with room for a thing; None if there is none.
 
-    Returns
-    -------
-    path
-        Its place at each time; constant for a thing that stands still.
-    radius_m
-        Radius of its sphere, m.
-    distance_m
-        From the camera's home, m.
+    Returns the thing's path, the radius of its sphere and its distance from the camera's first
+    pose, m.
     """
     duration_s = float(eye.t_s[-1])
     home = eye.T_world[0]

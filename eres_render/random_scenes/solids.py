@@ -22,18 +22,7 @@ _WAVES = 5  # that deform a rock
 def random_solid(
     radius_m: float, paint: FacePainter, rng: np.random.Generator
 ) -> tuple[Chart, ...]:
-    """Return a random solid within a sphere about the origin, in a random orientation.
-
-    Parameters
-    ----------
-    radius_m
-        Radius of the sphere, m.
-
-    Returns
-    -------
-    charts
-        Its closed surface, fronts outside.
-    """
+    """Return a random solid, fronts outside, within a sphere about the origin, turned at random."""
     charts = SOLIDS[rng.integers(len(SOLIDS))](paint, rng)
     reach = max(float(np.linalg.norm(chart.points, axis=-1).max()) for chart in charts)
     R = Rotation.random(random_state=rng).as_matrix()
@@ -52,13 +41,7 @@ def _placed(chart: Chart, scale: float, R: Float64) -> Chart:
 
 
 def room(half_m: Float64, paint: FacePainter) -> list[Chart]:
-    """Return the inside of a box about the origin.
-
-    Parameters
-    ----------
-    half_m
-        (2, 3) its lower and upper corner, m.
-    """
+    """Return the inside of a box with the lower and the upper corner `half_m`, (2, 3)."""
     return [
         uv_charts.both_sides(chart, 0.0)[1] for chart in uv_charts.box(half_m[0], half_m[1], paint)
     ]

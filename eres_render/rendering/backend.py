@@ -74,10 +74,7 @@ _OUT_OF_MEMORY = ("out of memory", "MemoryError", "bad_alloc")
 class VariantVerdict:
     """Whether a Mitsuba variant works on this machine.
 
-    Parameters
-    ----------
-    lasting
-        False if the machine was too busy or had too little memory to tell.
+    `lasting` is False if the machine was too busy or had too little memory to tell.
     """
 
     name: str
@@ -93,10 +90,7 @@ def probe_variants() -> list[VariantVerdict]:
 
 
 def select_variant() -> str:
-    """Make Mitsuba use the best variant that works here, and return its name.
-
-    The environment variable `ERES_VARIANT` forces one.
-    """
+    """Make Mitsuba use `$ERES_VARIANT`, else the best variant that works, and return its name."""
     name = os.environ.get("ERES_VARIANT") or None
     if name is None:
         name = _best_variant()
@@ -116,11 +110,7 @@ def select_variant() -> str:
 
 
 def release_render_memory() -> None:
-    """Return freed memory to the system: 1 GB after a job of a study, 0.4 GB after the room.
-
-    Dr.Jit keeps freed memory for reuse, even after scenes are gone, and glibc keeps the memory of
-    threads.
-    """
+    """Give the system the memory that Dr.Jit and glibc keep after a render, up to 1 GB."""
     import drjit as dr
 
     dr.flush_malloc_cache()

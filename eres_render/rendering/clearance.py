@@ -32,22 +32,11 @@ def check_clearance(
     """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
     Rays start in 512 directions from places along the path, at most half the clearance apart (2000
-    steps at most), and follow all of it along chords, within half the clearance. Objects thinner
-    than the gaps between the rays are missed unless the path crosses them.
-
-    Parameters
-    ----------
-    place
-        Returns the positions of the camera, (N, 3) m, at (N,) times in seconds.
-    knots_s
-        Times between which the path is smooth, s.
-    duration_s
-        How much of it to check, s.
-    min_clearance_m
-        Least distance from all surfaces, m.
-    alone
-        Whether rays meet a single object, behind which the camera may pass: then it is inside only
-        if it sees backs in most directions, not in most of those in which it sees something.
+    steps at most). Other rays follow the whole path along chords, within half the clearance.
+    Objects thinner than the gaps between the rays are missed unless the path crosses them. `place`
+    returns positions (N, 3) m at times (N,) s; it is smooth between `knots_s`. The camera may pass
+    behind a single object (`alone`): it counts as inside if it sees backs in most of all
+    directions, not only in most directions with a hit.
     """
     bad = _first_bad_place(place, duration_s, caster, min_clearance_m, alone)
     until_s = duration_s if bad is None else bad[0]

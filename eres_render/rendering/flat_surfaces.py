@@ -34,18 +34,11 @@ TRACED = -1
 
 
 class Pieces(NamedTuple):
-    """Flat pieces, G of them.
+    """G flat pieces, each with a plane, `normal` and `point` (G, 3), m.
 
-    Attributes
-    ----------
-    normal, point : (G, 3) float64
-        The plane of each, m. The normal points to the side of the shading normals.
-    texel, texel_of : (G, 2), (G, 2, 3) float64
-        A point X shows texel `texel + texel_of @ (X - point)`; texel centers lie at integers.
-    texture : (G,) int32
-        Index of its texture, -1 if it has one radiance everywhere.
-    radiance : (G,) float32
-        That radiance, W m^-2 sr^-1.
+    A point X shows texel `texel + texel_of @ (X - point)`, where texel centers lie at integers. The
+    normal is on the side of the shading normals. `texture` is -1 for a piece with the same
+    `radiance` everywhere, W m^-2 sr^-1.
     """
 
     normal: Float64
@@ -57,13 +50,7 @@ class Pieces(NamedTuple):
 
 
 class Bent(NamedTuple):
-    """Triangles with interpolated shading normals, N of them.
-
-    Attributes
-    ----------
-    vertices, normals : (N, 3, 3) float64
-        Positions, m, and unit normals of the three vertices.
-    """
+    """N triangles with interpolated shading normals; `vertices`, m, and `normals` are (N, 3, 3)."""
 
     piece: Int32
     vertices: Float64
@@ -74,16 +61,9 @@ class Bent(NamedTuple):
 class FlatSurfaces:
     """What a camera can see of a scene that glows.
 
-    Attributes
-    ----------
-    textures
-        Radiance, (rows, columns) float16 each: views of Mitsuba's own memory.
-    first_triangle : (S,) int64
-        First triangle of each shape, by its number in Mitsuba's registry; -1 if not a mesh.
-    edges : (E, 2, 3) float64
-        Every edge but those inside a piece, m.
-    boxes : (B, 2, 3) float64
-        Lower and upper corner of every shape that is not a mesh, m.
+    `textures` are radiance, (rows, columns), as views of Mitsuba's own memory. `first_triangle` is
+    indexed by a shape's number in Mitsuba's registry, -1 if not a mesh. `edges` (E, 2, 3), m, are
+    all but the edges inside a piece. `boxes` (B, 2, 3), m, bound the shapes that are not meshes.
     """
 
     pieces: Pieces
@@ -96,13 +76,9 @@ class FlatSurfaces:
 
 
 def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
-    """Split a scene that glows into flat pieces.
+    """Split a scene that glows into flat pieces; `baked` are ids of shapes with a baked texture.
 
-    Parameters
-    ----------
-    baked
-        Ids of the shapes whose texture is a baked one. Another texture is looked up if it is of
-        half-floats, clamped, bilinear and not transformed, as those are, and traced if not.
+    Other textures are looked up if Mitsuba reads them like baked textures, and traced if not.
     """
     meshes, boxes = [], []
     textures: list[NDArray[np.float16]] = []
@@ -190,10 +166,9 @@ def _can_be_looked_up(emitter: Any, emission: Any, *, baked: bool) -> bool:
 
 
 def _is_like_baked(emitter: Any, emission: Any) -> bool:
-    """Return whether a texture is one of half-floats, clamped, bilinear and not transformed.
+    """Return whether a texture is of half-floats, clamped, bilinear and not transformed.
 
-    Mitsuba does not tell how it reads a texture, so it reads some points where that shows most:
-    halfway along the largest steps between texels, and beyond the left and the upper side.
+    Mitsuba does not tell how it reads a texture, so it reads points where that shows most.
     """
     import drjit as dr
     import mitsuba as mi
@@ -285,15 +260,7 @@ def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
 
 
 def _neighbors(vertices: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Find pairs of triangles on the two sides of an edge.
-
-    Returns
-    -------
-    left, right : (P,)
-        The triangles.
-    edge : (2, P)
-        The edge in `_edges`, as the left and as the right one has it.
-    """
+    """Return the triangles at shared edges, (P,) and (P,), and the edges in `_edges`, (2, P)."""
     size = float(np.max(np.ptp(vertices.reshape(-1, 3), axis=0)))
     place = np.round(vertices.reshape(-1, 3) / (_WELD * size)).astype(np.int64)
     start = np.unique(place, axis=0, return_inverse=True)[1].reshape(-1, 3)

@@ -149,13 +149,7 @@ def refuse_objects(scene: Scene) -> None:
 
 
 def reason_not_to_wait(mi_scene: mi.Scene, scene: Scene) -> str:
-    """Return why baking a scene takes too long to be the default, for the log; "" if it does not.
-
-    Parameters
-    ----------
-    mi_scene
-        Mitsuba's scene; all its surfaces can be baked.
-    """
+    """Return why a bakeable scene takes too long to bake by default; "" if it does not."""
     settings = scene.settings.bake
     shapes = {shape.id(): shape for shape in surfaces(mi_scene)}
     sides = _sides(shapes, scene, settings.cell_m)
@@ -194,9 +188,9 @@ def _square(spp: int) -> int:
 def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[int, int]:
     """Return how many cells a shape's lightmap has along u and along v.
 
-    The size of the UV square is the mean stretch of the parametrization over the shape, or that of
-    the texture on it, if `sizes_m` has about the same, so that cells line up with the parts of an
-    atlas. The texels of a print have the size of what it shows, not of the print.
+    The size of the UV square is the mean stretch of the parametrization over the shape, or the
+    texture's in `sizes_m` if about the same, so that cells line up with the parts of an atlas. The
+    texels of a print have the size of what it shows, not of the print.
     """
     size_m = _uv_size_m(shape)
     texture_m = sizes_m.get(shape.id(), size_m)
@@ -263,10 +257,7 @@ def _per_cell(
 ) -> Float32:
     """Return the mean of a light over each cell of a shape, (rows, columns).
 
-    Parameters
-    ----------
-    smooth
-        Take the mean over each cell and its neighbors, as is right for light from large surfaces.
+    `smooth` includes the neighbors of each cell, as is right for light from large surfaces.
     """
     import drjit as dr
     import mitsuba as mi
@@ -319,8 +310,7 @@ def _per_cell(
 def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     """Return which points are not covered, as a floor is under a table's leg.
 
-    All rays from a covered point meet the back of a surface. Single backs may also be seen through
-    the open side of a hollow object.
+    All rays from a covered point meet backs; a single back may show in a hollow object.
     """
     import drjit as dr
     import mitsuba as mi
@@ -417,13 +407,7 @@ def _fill(image: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.fl
 
 
 def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
-    """Return the shapes that reflect light.
-
-    Parameters
-    ----------
-    mi_scene
-        Mitsuba's scene.
-    """
+    """Return the shapes that reflect light; refuse a scene with a shape that cannot be baked."""
     shapes = surfaces(mi_scene)
     for shape in shapes:
         if reason := reason_not_to_bake(shape):
@@ -435,13 +419,7 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
 
 
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:
-    """Return the reflectance of a diffuse material.
-
-    Returns
-    -------
-    texels
-        (H, W) float32; (1, 1) if the reflectance is uniform.
-    """
+    """Return the reflectance of a diffuse material, (H, W), or (1, 1) if it is uniform."""
     import mitsuba as mi
 
     parameters = mi.traverse(bsdf)

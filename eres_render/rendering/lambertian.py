@@ -37,10 +37,7 @@ def _is_black(bsdf: mi.BSDF) -> bool:
 
 
 def reason_not_to_bake(shape: mi.Shape) -> str:
-    """Return why a surface's light cannot be baked, as in "shape 'ball' is ..."; "" if it can.
-
-    The surface must be Lambertian, have one side, and have a different UV coordinate at each point.
-    """
+    """Return why a surface's light cannot be baked, as in "shape 'ball' is ..."; "" if it can."""
     import mitsuba as mi
 
     if shape.class_name() == "Instance":

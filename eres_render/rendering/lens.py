@@ -11,18 +11,7 @@ _STEPS = 3  # of Newton's method from the pixel's center: 1e-12 of the image pla
 
 
 def undistorted(camera: Camera, lens: Distortion, position: Any) -> Any:
-    """Return what `Camera.undistort` does, exact to single precision.
-
-    Parameters
-    ----------
-    position
-        N points (mi.Point2f) in the image or at its border, px.
-
-    Returns
-    -------
-    pinhole_px
-        N points (mi.Point2f) where a pinhole with the same `K` sees the same, px.
-    """
+    """Return `Camera.undistort` of N points (mi.Point2f, px), exact to single precision."""
     import drjit as dr
     import mitsuba as mi
 

@@ -213,10 +213,9 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
 
 
 def _at_one_size(image: Float32, cells: Float32) -> list[Float32]:
-    """Return an image and a lightmap of one area at the same size, at least that of both.
+    """Return an image and a lightmap of one area at the same size, no smaller than either.
 
-    Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up. An odd multiple of
-    the image's size keeps the centers of its texels; any other size would blur it.
+    An odd multiple of the image's size keeps its texel centers; any other size would blur it.
     """
     height, width = map(_size, image.shape, cells.shape)
     # OpenCV copies an image that has this size already.

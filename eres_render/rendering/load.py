@@ -34,21 +34,11 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 def load_mi_scene(
     scene: Scene, emitters: Mapping[str, Any] | None = None, without: Collection[str] = ()
 ) -> mi.Scene:
-    """Load scene.xml for the selected variant.
+    """Load scene.xml for the selected variant, with every color turned into its luminance.
 
-    Every color becomes its luminance before light travels, in all variants: the monochrome variants
-    convert colors when they read a file; for the others this function does it.
-
-    Parameters
-    ----------
-    emitters
-        Mitsuba emitters by shape id; these shapes emit light and lose their material, so that its
-        images are not loaded.
-
-    Returns
-    -------
-    mi_scene
-        Mitsuba's scene.
+    The monochrome variants convert colors when they read a file; for the others this function does
+    it. Shapes with an id in `emitters` emit light and lose their material, so that its images are
+    not loaded.
     """
     import mitsuba as mi
 
@@ -108,10 +98,7 @@ def files_of(scene: Scene) -> Iterator[None]:
 
 
 def _drop(node: Any, kind: Any, state: Any, ids: Collection[str] | None = None) -> None:
-    """Remove a node's children of a kind, all or those with these ids.
-
-    Mitsuba then never loads what only they use.
-    """
+    """Remove a node's children of a kind, so that Mitsuba never loads what only these use."""
     import mitsuba as mi
 
     for key in list(node.props.keys()):
@@ -135,10 +122,7 @@ def _read_texture(props: Any) -> None:
 
 @contextmanager
 def _warnings_of(scene: Scene) -> Iterator[None]:
-    """Log Mitsuba's warnings, except those about mesh attributes that the scene does not use.
-
-    Mitsuba warns of each attribute of a PLY file that it cannot use, such as colors of 0 to 255.
-    """
+    """Log Mitsuba's warnings, except about mesh attributes that the scene does not use."""
     import mitsuba
 
     mi: Any = mitsuba  # its type stubs lack the logger

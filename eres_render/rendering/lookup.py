@@ -82,17 +82,8 @@ def _through_lens(camera: Camera) -> _ThroughLens:
 class LookUp:
     """What a camera sees of a baked scene, where that can be looked up.
 
-    Parameters
-    ----------
-    mi_scene
-        The baked scene.
-    baked
-        Ids of the shapes that `eres_render.rendering.lightmaps` gave a texture of radiance.
-
-    Attributes
-    ----------
-    traced
-        Number of pixels of the last frame that were traced.
+    `baked` are ids of the shapes with a texture of radiance. `traced` is the number of pixels of
+    the last frame that were traced.
     """
 
     def __init__(self, mi_scene: Any, baked: Collection[str]) -> None:
@@ -129,25 +120,11 @@ class LookUp:
         trace: Callable[[NDArray[np.intp]], Float32],
         threads: int,
     ) -> Float32:
-        """Return the radiance seen from a pose.
+        """Return the radiance seen from a pose, (H, W), W m^-2 sr^-1.
 
-        Parameters
-        ----------
-        T_world_cam
-            (4, 4) pose.
-        rays
-            Returns Mitsuba's rays through points of the image, from their columns and rows, px,
-            without the lens.
-        x, y
-            (H * W * spp,) positions of the samples in the image, as `Renderer` has them for
-            Mitsuba, without the lens: shares of its width and height.
-        trace
-            Returns the radiance of some pixels, (N,) `row * W + column`.
-
-        Returns
-        -------
-        radiance
-            (H, W) float32, W m^-2 sr^-1.
+        `rays` returns Mitsuba's rays through columns and rows of the image, px, without the lens.
+        `x` and `y` (H * W * spp,) are the samples' shares of its width and height, as for Mitsuba,
+        without the lens. `trace` returns the radiance of pixels `row * W + column`, (N,).
         """
         lens = self._through_lens(camera)
         view = self._view(camera, lens, T_world_cam)
@@ -218,10 +195,7 @@ class LookUp:
         workers: Executor,
         threads: int,
     ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-        """Return the pieces under the corners of the pinhole's pixels, and which pixels are marked.
-
-        Something may be in front of the pieces in marked pixels.
-        """
+        """Return pieces under the pinhole's pixel corners, and marks where they may be hidden."""
 
         def mark(piece_at: NDArray[np.int32], block: int, marked: NDArray[np.uint8]) -> None:
             """Mark blocks of pixels in which something may be in front of their piece."""

@@ -82,15 +82,7 @@ class Samples(NamedTuple):
 
 @jit
 def look_up(first, last, seen, textures, samples, marked, image):
-    """Fill in the pixels of rows [first, last) that can be looked up; mark those that cannot.
-
-    Parameters
-    ----------
-    marked
-        (H, W) uint8; pixels that are already marked are skipped.
-    image
-        (H, W) float32, W m^-2 sr^-1, filled in.
-    """
+    """Fill in the unmarked pixels of rows [first, last), W m^-2 sr^-1; mark what must be traced."""
     width = image.shape[1]
     pieces = seen.pieces
     shown = np.empty(width, np.int32)
@@ -147,8 +139,7 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
 
         (u, v) + (ux dx + uy dy, vx dx + vy dy) / (1 + wx dx + wy dy)
 
-    What depends on the block is in double precision; single precision is enough for the small steps
-    from there.
+    Single precision is enough for these small steps, but not for what depends on the block.
     """
     height, width = image.shape
     x, y = samples.x, samples.y
@@ -222,7 +213,7 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
 
 @jit_inline
 def _inside(dx, dy, steps, corner, n_columns):
-    """Return the light (dx, dy) px from the center of a block whose texels all exist, times 2^-112.
+    """Return the light, times 2^-112, (dx, dy) px from the center of a block inside the texture.
 
     The address of the base's texel is `corner`.
     """

@@ -17,10 +17,9 @@ _MAX_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 
 def check_render_memory(camera: Camera, spp: int, integrator: str, variant: str) -> None:
-    """Refuse an image that needs more memory than this machine has.
+    """Refuse an image that needs more memory than this machine has, by a lower bound.
 
-    The estimate is a lower bound. Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times as
-    much, plus its scene.
+    Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times as much, plus its scene.
     """
     pixels = camera.width * camera.height
     size = f"resolution: found {camera.width}x{camera.height} px at {spp} samples per pixel"

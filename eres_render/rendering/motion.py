@@ -19,10 +19,7 @@ Float64 = NDArray[np.float64]
 
 
 class PlacedObjects:
-    """Moves the shapes of a loaded scene to where its objects are at a time.
-
-    What stands still is not touched; Mitsuba rebuilds its acceleration structure.
-    """
+    """Moves the shapes of a loaded scene to where its objects are at a time."""
 
     def __init__(self, mi_scene: Any, objects: Sequence[MovingObject], scene_file: object) -> None:
         import mitsuba as mi
@@ -82,14 +79,8 @@ class PlacedObjects:
 class Body:
     """A rigid part of a scene that moves, as rays meet it.
 
-    Parameters
-    ----------
-    pose
-        Returns T_world_object, (..., 4, 4), at times (...) in seconds.
-    knots_s
-        Times between which its motion is smooth, s.
-    box_m
-        (2, 3) lower and upper corner of its shapes in its own coordinates.
+    `pose` returns T_world_object (..., 4, 4) at times (...), s, and is smooth between `knots_s`.
+    `box_m` (2, 3) is the lower and upper corner of its shapes in its own coordinates.
     """
 
     name: str
@@ -102,19 +93,9 @@ class Body:
 def still_and_bodies(
     scene: Scene, mi_scene: Any, objects: Sequence[MovingObject]
 ) -> tuple[RayCaster, tuple[Body, ...]]:
-    """Split a scene into what stands still and the objects that move.
+    """Split a scene into what stands still and a body for each moving object.
 
-    Parameters
-    ----------
-    mi_scene
-        The scene in Mitsuba, with its objects where scene.xml puts them; it must not change.
-
-    Returns
-    -------
-    still
-        Casts rays at all other shapes.
-    bodies
-        One for each object.
+    `mi_scene` has the objects where scene.xml puts them; it must not change.
     """
     if not objects:
         return RayCaster(mi_scene), ()

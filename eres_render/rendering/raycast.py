@@ -15,14 +15,9 @@ Float64 = NDArray[np.float64]
 class Hits:
     """The first surfaces that N rays met.
 
-    Parameters
-    ----------
-    distance
-        (N,) in units of the lengths of the rays' directions; inf where a ray met nothing.
-    shape
-        (N,) index into `RayCaster.shape_ids`, -1 where a ray met nothing.
-    blind_side
-        (N,) bool: the back of a one-sided surface, such as the inside of a solid.
+    `distance` is in units of the lengths of the rays' directions, inf without a hit. `shape` is an
+    index into `RayCaster.shape_ids`, -1 without a hit. `blind_side` is True at the back of a
+    one-sided surface.
     """
 
     distance: Float64
@@ -44,15 +39,7 @@ class RayCaster:
         self._has_back = np.array([*has_back, True, True])  # also of an instance's, and of nothing
 
     def cast(self, origins: Float64, directions: Float64) -> Hits:
-        """Cast rays at the scene.
-
-        Parameters
-        ----------
-        origins
-            (N, 3) or (3,) starts of the rays, m.
-        directions
-            (N, 3), of any length.
-        """
+        """Cast rays from (N, 3) or (3,) m along (N, 3) directions of any length."""
         import mitsuba as mi
 
         if not len(directions):  # Dr.Jit would end the process
@@ -65,20 +52,7 @@ class RayCaster:
         return Hits(np.where(shape >= 0, distance, np.inf), shape, blind_side)
 
     def distance(self, origins: Float64, directions: Float64) -> Float64:
-        """Return the distance along rays, as `cast` does, at less cost.
-
-        Parameters
-        ----------
-        origins
-            (N, 3) or (3,) starts of the rays, m.
-        directions
-            (N, 3), of any length.
-
-        Returns
-        -------
-        distance
-            (N,) in units of the lengths of the directions; inf where a ray meets nothing.
-        """
+        """Return `Hits.distance` as `cast` finds it, (N,), at less cost."""
         import mitsuba as mi
 
         if not len(directions) or str(mi.variant()).startswith("scalar"):
@@ -133,7 +107,7 @@ def registry_number(shape: Any) -> int:
 
 
 def front(si: Any) -> Any:
-    """Return the geometric normals on the side of the front, which the shading normals tell.
+    """Return geometric normals on the side of the shading normals, the front.
 
     A mirrored mesh has its geometric normals on the other side.
     """
@@ -143,10 +117,7 @@ def front(si: Any) -> Any:
 
 
 def _rays(origins: Float64, directions: Float64) -> Any:
-    """Return rays that are gathered from NumPy's arrays.
-
-    Dr.Jit compiles code that loads such arrays anew for each alignment that they happen to have.
-    """
+    """Return rays gathered from arrays, as Dr.Jit compiles plain loads anew for each alignment."""
     import drjit as dr
     import mitsuba as mi
 

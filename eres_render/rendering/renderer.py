@@ -394,11 +394,11 @@ class Renderer:
     def _render_vectorized(
         self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32]:
-        """Render all pixels, or the (N,) listed ones, which may repeat.
+        """Render all pixels, or the (N,) listed pixels, which may repeat.
 
-        The samples of each pixel are summed in a fixed order. Mitsuba's vectorized films add them
-        atomically, in an order that changes from run to run unless `spp` is a power of two, so the
-        same pose would not give the same frame.
+        Samples are summed in a fixed order. Mitsuba's vectorized films add them in an order that
+        changes from run to run unless `spp` is a power of two, so the same pose would not give the
+        same frame.
         """
         if self.integrator != "path":
             if pixels is None:
@@ -472,10 +472,7 @@ class Renderer:
         return sampler, self._in_film(corner + sampler.next_2d())
 
     def _in_film(self, position: Any) -> Any:
-        """Return where Mitsuba's pinhole, with square pixels, has the same rays.
-
-        They are shares of the image's size: 0 to 1, but for a lens.
-        """
+        """Return where Mitsuba's square-pixel pinhole has the same rays, in shares of the image."""
         camera = self.camera
         if camera.distortion is not None:
             position = undistorted(camera, camera.distortion, position)

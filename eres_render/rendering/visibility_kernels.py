@@ -25,18 +25,10 @@ jit_inline = compiler(_FOLDER, inline="always")
 
 @jit
 def view_pieces(eye, M, pieces, homographies, state):
-    """Find the homography of each piece from the image to (texel, texel, 1), and whether it is lit.
+    """Fill in each piece's homography (G, 3, 3) from the image to (texel, texel, 1), and its state.
 
-    Its third row times (column, row, 1) is 1 / z, negative where the plane lies behind the eye.
-
-    Parameters
-    ----------
-    eye
-        (3,) position of the camera, m.
-    M
-        (3, 3) from (column, row, 1) to directions in the world.
-    homographies, state
-        (G, 3, 3) and (G,), filled in.
+    The homography's third row times (column, row, 1) is 1 / z, negative where the plane lies behind
+    the eye.
     """
     for g in range(len(pieces.normal)):
         n, p = pieces.normal[g], pieces.point[g]
@@ -62,17 +54,10 @@ def view_pieces(eye, M, pieces, homographies, state):
 
 @jit
 def view_bent(eye, bent, state):
-    """Find whether each piece with shading normals that differ from its own is lit.
+    """Fill in whether each piece with shading normals that differ from its own is lit.
 
-    Normal and direction to the eye are both weighted means over the vertices, so the sign of their
+    Normal and direction to the eye are weighted means over the vertices, so the sign of their
     product is certain if it is the same for all nine pairs.
-
-    Parameters
-    ----------
-    eye
-        (3,) position of the camera, m.
-    state
-        (G,), filled in for their pieces.
     """
     for t in range(len(bent.piece)):
         state[bent.piece[t]] = _UNSEEN
@@ -92,14 +77,9 @@ def view_bent(eye, bent, state):
 
 @jit
 def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece_at):
-    """Find the piece that each of N rays meets.
+    """Fill in the piece that each of N rays meets, or -1 if it cannot be looked up.
 
-    Parameters
-    ----------
-    shape, triangle
-        (N,) number of the shape in Mitsuba's registry, 0 for none, and of its triangle.
-    piece_at
-        (N,), filled in; -1 for what cannot be looked up.
+    `shape` is a number in Mitsuba's registry, 0 without a hit.
     """
     for i in range(len(shape)):
         if shape[i] == 0:
@@ -114,20 +94,9 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
 def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
     """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
 
-    Parameters
-    ----------
-    edges
-        (E, 2, 3) ends, m.
-    eye, P
-        (3,) position of the camera, m, and (3, 3) from directions to (column z, row z, z).
-    near
-        Least z that is seen, m.
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels.
-    per_z
-        (G, 3), times (column, row, 1) it is 1 / z on each piece.
-    marked
-        (H, W) uint8, set to 1 at these pixels; pixels that are already marked cost little.
+    `edges` are (E, 2, 3), m. `P` maps directions to (column z, row z, z). `near` is the least z
+    that is seen, m. `piece_at` (H + 1, W + 1) is at pixel corners. `per_z` (G, 3) times (column,
+    row, 1) is 1 / z on each piece. Marked pixels cost little.
     """
     height, width = marked.shape
     end = np.empty((2, 3))
@@ -192,17 +161,7 @@ def _within(start, step, low, high, a, b):
 
 @jit
 def show_row(row, piece_at, marked, shown):
-    """Find the piece that each pixel of a row shows and nothing else; -1: none.
-
-    Parameters
-    ----------
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels.
-    marked
-        (H, W) uint8, whether something may be in front of it.
-    shown
-        (W,), filled in.
-    """
+    """Fill in the only piece that each pixel of a row shows, by its corners and mark; -1: none."""
     above, below, is_marked = piece_at[row], piece_at[row + 1], marked[row]
     for column in range(marked.shape[1]):
         g = above[column]
@@ -214,20 +173,10 @@ def show_row(row, piece_at, marked, shown):
 def spread(coarse, marked, piece_at, settled, unknown):
     """Copy the pieces under the corners of blocks of pixels to the corners of their pixels.
 
-    Parameters
-    ----------
-    coarse
-        (h + 1, w + 1) piece at the corners of the blocks, which are squares of `CORNER_BLOCK_PX`.
-    marked
-        (h, w) uint8, whether an edge may cross a block in front of its piece.
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels, filled in where a block shows one piece
-        and nothing else.
-    settled
-        (H, W) uint8, whether a pixel is in such a block.
-    unknown
-        ((H + 1) * (W + 1),), filled in with the other corners, `row * (W + 1) + column`, block by
-        block: rays through neighboring corners are cheaper one after another.
+    `coarse` (h + 1, w + 1) and `marked` (h, w) are of blocks. `piece_at` (H + 1, W + 1) and
+    `settled` (H, W) are filled in where a block shows one piece and nothing else. `unknown` is
+    filled in with the other corners, `row * (W + 1) + column`, and their number is returned. They
+    come block by block, as rays through neighboring corners are cheaper one after another.
     """
     height, width = piece_at.shape
     blocks = marked.shape[1]
@@ -275,20 +224,10 @@ def spread(coarse, marked, piece_at, settled, unknown):
 def through_lens(first, last, shown, left, top, corners, margin, piece_at, marked):
     """Find what pixels show through a lens from what a pinhole shows.
 
-    Parameters
-    ----------
-    shown
-        (h, w) piece that a pixel of the pinhole shows and nothing else, -1: none.
-    left, top
-        Pixels of the pinhole left of and above the origin of the corners.
-    corners
-        (H + 1, W + 1, 2) where the pinhole shows the corners of the lens's pixels, px.
-    margin
-        How far the bent sides of pixels reach beyond their corners, px.
-    piece_at
-        (H + 1, W + 1), filled in at the corners of the lens's pixels.
-    marked
-        (H, W) uint8, set to 1 at pixels that may show more than the piece at their corners.
+    `shown` (h, w) is the only piece that a pixel of the pinhole shows, -1: none. `corners` (H + 1,
+    W + 1, 2) are the lens's pixel corners in the pinhole, px, from an origin `left` and `top` px
+    inside `shown`. Bent sides of pixels reach `margin` px beyond their corners. `piece_at` (H + 1,
+    W + 1) is filled in; `marked` (H, W) is 1 where a pixel may show more than its piece.
     """
     for row in range(first, last):
         for column in range(piece_at.shape[1]):
@@ -318,16 +257,6 @@ def box_of(corners, row, first, last, margin):
 
 @jit
 def shown_alone(piece_at, marked, shown):
-    """Find the piece that each of (H, W) pixels shows and nothing else; -1: none.
-
-    Parameters
-    ----------
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels.
-    marked
-        (H, W) uint8, whether something may be in front of it.
-    shown
-        (H, W), filled in.
-    """
+    """Fill in the only piece that each of (H, W) pixels shows, as `show_row` does."""
     for row in range(marked.shape[0]):
         show_row(row, piece_at, marked, shown[row])

@@ -19,20 +19,10 @@ _CLOCK_S = 1e-6  # the clock of the camera's path starts at a whole microsecond
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MovingObject:
-    """A rigid object on its own path.
+    """A rigid object on its own path; with the identity as pose it is where scene.xml puts it.
 
-    Its coordinates are those of scene.xml: with the identity as pose it is where scene.xml puts it.
-
-    Parameters
-    ----------
-    name
-        Name of its table in scene.toml.
-    shapes
-        Ids of its shapes.
-    path
-        Its poses T_world_object, by the time since `start_s`.
-    start_s
-        Start of its path, on the time axis of the camera's path; not after 0.
+    `shapes` are ids. `path` has T_world_object by the time since `start_s`, which is on the time
+    axis of the camera's path and not after 0.
     """
 
     name: str
@@ -53,16 +43,9 @@ class MovingObject:
 def read_object(
     name: str, shapes: tuple[str, ...], file: Path, t_offset_us: int, duration_s: float
 ) -> MovingObject:
-    """Read the path of an object.
+    """Read the path of an object from T_world_object in TUM format, on the camera path's clock.
 
-    Parameters
-    ----------
-    file
-        Poses T_world_object in TUM format, on the clock of the camera's path.
-    t_offset_us
-        Time 0 of the camera's path on that clock, microseconds.
-    duration_s
-        How long the camera's path lasts, s.
+    The camera's path starts at `t_offset_us` on that clock and lasts `duration_s`.
     """
     t_s, poses = read_tum(file, t_offset_us)
     if t_s[0] > _CLOCK_S or t_s[-1] < duration_s - _CLOCK_S:

@@ -41,10 +41,7 @@ class _Element(NamedTuple):
 
 
 def check_faces(path: Path) -> None:
-    """Refuse a mesh with a face of a vertex that it does not have: Mitsuba would read other memory.
-
-    Files that are no PLY, or end early, are left to Mitsuba, which refuses them.
-    """
+    """Refuse a mesh with a face of a missing vertex: Mitsuba would read other memory."""
     with path.open("rb") as file:
         try:
             kind, elements = _header(file)

@@ -11,10 +11,7 @@ from eres_render.storage.settings_reader import Vector3, formerly
 
 @dataclass(frozen=True, slots=True)
 class PlaneSettings:
-    """The square that fills the view of the camera: center, unit normal and half its width.
-
-    A scene with depth does not have this table.
-    """
+    """The square about `point_m` that fills the camera's view; a scene with depth has none."""
 
     point_m: Vector3
     normal: Vector3
@@ -93,11 +90,7 @@ class BakeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneToml:
-    """The content of scene.toml.
-
-    `path` is None for a Mitsuba file without a scene.toml, `objects` for a scene in which nothing
-    moves but the camera.
-    """
+    """The content of scene.toml; `path` is None for a Mitsuba file without it."""
 
     title: str
     license: str = field(metadata=formerly("licence"))

@@ -23,14 +23,9 @@ from eres_render.textures.stones import pebble_bed
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """A kind of texture.
+    """A kind of texture; `version` rises with every change that alters a texel.
 
-    Parameters
-    ----------
-    version
-        Raised with every change that alters a texel.
-    make
-        Takes width_px, height_px, texel_m and seed; returns (height_px, width_px) float32.
+    `make` takes width_px, height_px, texel_m and seed; it returns (height_px, width_px).
     """
 
     version: int
@@ -50,20 +45,9 @@ TEXTURES: dict[str, Texture] = {
 
 @dataclass(frozen=True, slots=True)
 class TextureRecipe:
-    """How to make a texture.
+    """How to make a texture of `TEXTURES`, `size_px` texels wide and, by default, as many high.
 
-    Parameters
-    ----------
-    kind
-        One of `TEXTURES`.
-    size_px
-        Texels along u.
-    texel_m
-        Size of a texel, meters: of what it shows, which on a print is larger than the print.
-    seed
-        Seed of the random generator.
-    height_px
-        Texels along v; `size_px` by default.
+    `texel_m` is the size of a texel of what it shows, which on a print is larger than the print.
     """
 
     kind: str
@@ -97,10 +81,7 @@ class TextureRecipe:
         return TEXTURES[self.kind].make(width_px, height_px, self.texel_m, self.seed)
 
     def file(self) -> Path:
-        """Return an EXR file (half float, channel Y) of the texels, made unless it is cached whole.
-
-        It is not compressed: noise saves a third at most, for a quarter of the time to make it.
-        """
+        """Return an uncompressed EXR file of the texels (half float, Y), made unless cached."""
         path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
         try:
             check_readable(path)

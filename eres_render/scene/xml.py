@@ -33,19 +33,7 @@ class Film(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneXml:
-    """A scene file with its included files.
-
-    Parameters
-    ----------
-    file
-        The scene file.
-    files
-        All files that it names: meshes, images, included scene files.
-    cameras
-        Its `<sensor>` elements, with values in place of parameters.
-    shape_ids
-        Ids of its `<shape>` elements that have one.
-    """
+    """A scene file; `files` are all that it names, `cameras` have values in place of parameters."""
 
     file: Path
     files: tuple[Path, ...]
@@ -78,13 +66,7 @@ class SceneXml:
 
 
 def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
-    """Read a scene file and its included files.
-
-    Parameters
-    ----------
-    given
-        Names of parameters that will be set from outside; files named by them are not required.
-    """
+    """Read a scene file and its includes; files that `given` parameters name may be missing."""
     reader = _Reader(file, given)
     elements = list(reader.elements(file))
     cameras = tuple(element for element in elements if element.tag == "sensor")
@@ -149,10 +131,7 @@ class _Reader:
         self.open.pop()
 
     def _filled_in(self, value: str) -> str:
-        """Replace `$parameter` by its value, except for those given from outside.
-
-        Mitsuba takes the longest name that fits: `$dir_a.png` may have the parameter `dir`.
-        """
+        """Fill in `$parameter`s that are not given; as in Mitsuba, the longest name wins."""
         names = sorted({*self.given, *self.parameters}, key=len, reverse=True)
         if not names:
             return value

@@ -21,9 +21,9 @@ _FIRST_S = 10.0  # a frame that is faster is rendered again, as the first one co
 def estimate(
     renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float
 ) -> tuple[float, str]:
-    """Return the time that clips take, s, and one line with their frames, disk space and time.
+    """Return the time that clips take, s, and a line with their frames, disk space and time.
 
-    Frames of a few clips are counted, and one frame is rendered, timed and compressed.
+    Frames of a few clips are counted, and a single frame is rendered, timed and compressed.
     """
     chosen = [clips[int(k)] for k in np.unique(np.linspace(0, len(clips) - 1, _CLIPS).round())]
     counted = [

@@ -376,15 +376,7 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
 def surfaces(
     scene: Scene, objects: Sequence[MovingObject] = ()
 ) -> tuple[Distance, tuple[Body, ...]]:
-    """Return what rays meet in a scene.
-
-    Returns
-    -------
-    distance
-        Returns the distance to what stands still, in closed form for a plane.
-    bodies
-        One for each object.
-    """
+    """Return the `Distance` to what stands still, in closed form for a plane, and moving bodies."""
     plane = scene.plane
     if plane is not None and not objects:
         return plane.distance, ()

@@ -218,10 +218,7 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
 
 
 def write_flow_png(path: Path, flow: Flow) -> None:
-    """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
-
-    It resolves 1/128 px. Pixels that are not valid are zero in all channels.
-    """
+    """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does."""
     code = np.round(flow.flow_px * _PNG_PER_PX) + _PNG_ZERO
     code = np.where(flow.valid[..., None], code, 0)
     if code.min() < 0 or code.max() > np.iinfo(np.uint16).max:

@@ -26,15 +26,12 @@ RENDER_VERSION = 7
 class Manifest:
     """The contents of manifest.json: everything that decides the frames, and the white level.
 
-    `scene_source` is the argument of `load_scene`: the name of a packaged scene, or a path. For a
-    scene inside the sequence's folder the path is relative.
-    `light_digest` changes with the surfaces and the light. `t_offset_us` is time 0 on the clock of
-    the given poses; it is not written if it is 0. `intrinsics` are fx, fy, cx and cy in pixels;
-    they are not written if pixels are square, the principal point is the center of the image and
-    there is no lens. `distortion` is the lens's, if there is a lens. `objects` are the names of the
-    moving objects; they are not written if nothing moves. `plane` is the normal of the scene's
-    plane and its distance from the origin along the normal. It is empty without a plane, and None
-    in older files. `render_version` is the version of the code that rendered the frames.
+    `scene_source` is the argument of `load_scene`; a path inside the sequence's folder is relative
+    to it. `light_digest` changes with the surfaces and the light. `t_offset_us` is time 0 on the
+    clock of the given poses. `intrinsics` are fx, fy, cx and cy, px; None for square pixels about
+    the center without a lens. `plane` is the normal of the scene's plane and its distance from the
+    origin along it; empty without a plane, None in older files. `render_version` is the version of
+    the code that rendered the frames.
     """
 
     version: int

@@ -97,13 +97,7 @@ class Noise:
 
 
 def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float) -> None:
-    """Warn how noisy the frames are if they are path-traced; see `measure_noise`.
-
-    Parameters
-    ----------
-    max_displacement_px
-        Largest motion from frame to frame, px.
-    """
+    """Warn how noisy the frames are if they are path-traced; see `measure_noise`."""
     if renderer.integrator == "path":
         noise = measure_noise(renderer, clips, max_displacement_px)
         name, spp = renderer.scene.name, renderer.spp
@@ -111,16 +105,10 @@ def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px
 
 
 class Comparators:
-    """Ideal pixels that count their events.
+    """Ideal pixels that count their `events`, in the shape of the frames.
 
     Between frames log radiance is linear in time. A pixel fires whenever it is `contrast_threshold`
-    away from the pixel's memory, which then moves by that much. The memory starts at the first
-    frame.
-
-    Attributes
-    ----------
-    events
-        Number of events of each pixel so far, in the shape of the frames.
+    away from its memory, which then moves by that much. The memory starts at the first frame.
     """
 
     def __init__(self, log_radiance: Float64, contrast_threshold: float) -> None:
@@ -138,24 +126,11 @@ class Comparators:
 def count_events(
     frames: Iterable[NDArray[np.floating]], dark_level: float, contrast_threshold: float
 ) -> tuple[Float64, Float64, Float64]:
-    """Count the events of frames rendered several times, and of their mean.
+    """Return mean event counts of R renders, counts of their mean, and variances of log radiance.
 
-    Parameters
-    ----------
-    frames
-        Each (R, N): radiance of N pixels in R renders with independent noise, R a multiple of 4.
-    dark_level
-        Added to the radiance before the logarithm, W m^-2 sr^-1.
-
-    Returns
-    -------
-    events
-        (N,) mean number of events of the R renders.
-    events_of_mean
-        (N,) number of events of the mean radiance of all R.
-    log_variances
-        (2,) variance of the log radiance of one render, and of the mean of a quarter of them, both
-        averaged over pixels and frames.
+    Each frame is (R, N): N pixels in R renders with independent noise, R a multiple of 4.
+    `dark_level` is added to the radiance, W m^-2 sr^-1. Counts are (N,). The variances, means over
+    pixels and frames, are of one render and of the mean of a quarter of the renders.
     """
     pixels: list[Comparators] = []
     variances = []

@@ -52,8 +52,7 @@ _TOLD_S = 10.0  # what takes longer is told before
 class _ClipInProgress(RadianceSequence):
     """A sequence that renders and writes each missing frame when it is first read.
 
-    A frame is rounded to half precision before it is returned, so that it is the same whether it
-    was rendered or read. It is written while the next one renders.
+    A frame is rounded to half precision first, so it is the same whether rendered or read.
     """
 
     renderer: Renderer

@@ -164,14 +164,8 @@ def read_ahead(
 ) -> Generator[T, None, None]:
     """Yield what a function returns for each number, while other threads call it for the next ones.
 
-    Close it where an error may leave it unfinished.
-
-    Parameters
-    ----------
-    threads
-        By default one for each core.
-    most
-        Values that are made or held at a time, that in use included; by default one more.
+    Close it where an error may leave it unfinished. At most `most` values exist at a time, with the
+    value in use; by default one more than `threads`.
     """
     threads = threads or cores()
     left, ahead = iter(numbers), deque[Future[T]]()
@@ -239,15 +233,7 @@ def open_sequence(path: str | Path) -> RadianceSequence:
 
 
 def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
-    """Read the poses of all frames, (T, 4, 4), and the whole path of the camera.
-
-    Returns
-    -------
-    T_world_cam
-        (T, 4, 4) poses of the frames.
-    trajectory
-        The path, on the time axis of the frames.
-    """
+    """Read the poses of all frames, (T, 4, 4), and the whole path of the camera."""
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
     with reading(poses_file, "text", SequenceError):
         t_s, T_world_cam = read_tum(poses_file, manifest.t_offset_us)
@@ -267,13 +253,7 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
 
 
 def is_complete(folder: Path, known: Mapping[str, object]) -> bool:
-    """Return whether a folder holds a complete sequence; refuse one with other values.
-
-    Parameters
-    ----------
-    known
-        Values of the manifest; the place of the scene does not matter.
-    """
+    """Return whether a sequence is complete; refuse a manifest that differs from `known`."""
     if not (folder / "manifest.json").exists():
         return False
     manifest = read_manifest(folder)
@@ -290,29 +270,10 @@ def is_complete(folder: Path, known: Mapping[str, object]) -> bool:
 
 
 class SequenceWriter:
-    """Writes a sequence frame by frame, or continues an unfinished one.
+    """Writes a sequence frame by frame, or continues an unfinished sequence.
 
-    Parameters
-    ----------
-    folder
-        Folder of the sequence; made if it does not exist.
-    manifest
-        Manifest of the sequence; the writer sets its `complete`.
-    trajectory
-        The camera's path, on the time axis of the frames.
-    compression
-        Compression of the frames.
-
-    Attributes
-    ----------
-    checksums
-        SHA-256 of every frame so far, by path in the folder.
-
-    Raises
-    ------
-    RenderError
-        If the folder cannot be written, or holds a sequence with other settings, which is never
-        deleted.
+    A folder with a sequence of other settings is refused, never deleted. The writer sets
+    `complete`. `checksums` has the SHA-256 of every frame so far, by path in the folder.
     """
 
     def __init__(
@@ -353,13 +314,7 @@ class SequenceWriter:
             return None
 
     def write(self, i: int, radiance: NDArray[np.float16]) -> None:
-        """Write a frame, whole or not at all.
-
-        Parameters
-        ----------
-        radiance
-            (H, W) linear radiance.
-        """
+        """Write a frame of (H, W) linear radiance, whole or not at all."""
         file, name = self.file(i), _frame_name(i)
         if self._is_complete:  # others may read it until a frame turns out to be missing
             write_manifest(self.folder, self.manifest)

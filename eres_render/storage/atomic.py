@@ -30,10 +30,10 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary name beside `path`, and remove what has it at the end; make a folder of it.
+    """Yield a temporary name beside `path`, or a new folder of it, and remove it at the end.
 
-    A file beside it is locked meanwhile: `clear_unfinished` removes both after a process was
-    killed. The temporary file itself is not locked, as libraries such as HDF5 lock what they write.
+    A lock file beside it is locked meanwhile: `clear_unfinished` removes both after a process was
+    killed. The temporary file is not locked, as libraries such as HDF5 lock what they write.
     """
     # Threads share a process id, and so may processes of machines that share a folder; names may be
     # long.
@@ -53,10 +53,7 @@ def unfinished(path: Path, *, folder: bool = False) -> Iterator[Path]:
 
 
 def clear_unfinished(folder: Path, name: str | None = None) -> None:
-    """Remove temporary files and folders of killed processes.
-
-    Warns of those of another machine, or that cannot be locked, as they may still be written.
-    """
+    """Remove temporary files of killed processes; warn of files that may still be written."""
     inside = folder.rglob if name is None else folder.glob
     of_name = ".+" if name is None else re.escape(name[:48])
     for lock in list(inside(".*.lock")):
@@ -108,10 +105,7 @@ def _remove(new: Path) -> None:
 
 @contextmanager
 def new_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
-    """Yield a temporary file in the folder of `path`; afterwards rename that file to `path`.
-
-    A link is replaced, not what it points to.
-    """
+    """Yield a temporary file beside `path`, and rename it at the end; a link is replaced."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RenderError(f"{path}: found a device or a pipe, expected a file or a new name")
     make_folder(path.parent)

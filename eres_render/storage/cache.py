@@ -7,10 +7,7 @@ from pathlib import Path
 
 
 def cache_dir() -> Path:
-    """Return the user's cache folder, which may not exist yet.
-
-    `$ERES_CACHE` if set, else `$XDG_CACHE_HOME/eres`, else `~/.cache/eres`.
-    """
+    """Return `$ERES_CACHE`, `$XDG_CACHE_HOME/eres` or `~/.cache/eres`, which may not exist."""
     if own := os.environ.get("ERES_CACHE"):
         return Path(own)
     base = os.environ.get("XDG_CACHE_HOME")

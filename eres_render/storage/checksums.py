@@ -19,10 +19,7 @@ def sha256(file: Path) -> str:
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Return the digests by path within the folder; an empty dict if the file does not exist.
-
-    A last line that a killed render left incomplete is ignored, as are damaged lines.
-    """
+    """Return the digests by path in the folder, {} without a file; damaged lines are ignored."""
     try:
         text = (folder / FILE_NAME).read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -33,13 +30,7 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 
 def append_sum(folder: Path, name: str, digest: str) -> None:
-    """Add the line of one file, as soon as that file is complete.
-
-    Parameters
-    ----------
-    digest
-        SHA-256 of its bytes.
-    """
+    """Add the line of a file, with the SHA-256 of its bytes, as soon as that file is complete."""
     path = folder / FILE_NAME
     try:
         with path.open("a", encoding="utf-8") as file:

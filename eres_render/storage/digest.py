@@ -16,10 +16,10 @@ VERSION = 1
 def digest(value: object) -> str:
     """Return the SHA-256 of the canonical form of a value, 64 hexadecimal digits.
 
-    A dataclass counts as a mapping from field names to values; the name of the class does not
-    count. Mappings have no order. A field that is None is left out, so that an optional field that
-    is added later changes no digest. Enums and numbers count by value (1 equals 1.0), arrays by
-    type, shape and bytes. For a file, pass the digest of its bytes.
+    A dataclass counts as a mapping of its fields, whatever its name; mappings have no order. A
+    field that is None is left out, so that an optional field that is added later changes no digest.
+    Enums and numbers count by value (1 equals 1.0), arrays by type, shape and bytes. For a file,
+    pass the digest of its bytes.
     """
     return hashlib.sha256(_encoded([VERSION, value])).hexdigest()
 

@@ -37,17 +37,7 @@ _silencing = threading.Lock()
 
 
 def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
-    """Round an image to half precision.
-
-    Parameters
-    ----------
-    image
-        (H, W).
-
-    Returns
-    -------
-    (H, W) float16.
-    """
+    """Round an (H, W) image to half precision; refuse values that are too large or not finite."""
     if not (image.min() > -_LEAST_TOO_LARGE and image.max() < _LEAST_TOO_LARGE):
         bad = np.argwhere(~(np.abs(image) < _LEAST_TOO_LARGE))[0]
         raise RenderError(
@@ -60,13 +50,7 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
 def write_luminance(
     path: Path, image: NDArray[np.floating], attributes: Mapping[str, str] | None = None
 ) -> None:
-    """Write an image as the half-float channel Y.
-
-    Parameters
-    ----------
-    image
-        (H, W).
-    """
+    """Write an (H, W) image as the half-float channel Y."""
     write_channels(path, {"Y": to_half(image, path)}, attributes)
 
 
@@ -76,15 +60,9 @@ def write_channels(
     attributes: Mapping[str, str] | None = None,
     compression: Compression = "zip",
 ) -> None:
-    """Write the channels of an image.
+    """Write the channels of an image, (H, W) each, by name; both compressions are lossless.
 
-    Parameters
-    ----------
-    channels
-        (H, W) each, by name.
-    compression
-        Whether to compress the file. Both are lossless, and every reader supports them. A frame of
-        1280 x 1280 takes 2.2 MB and 35 to 42 ms of CPU time, or 3.3 MB and 3 to 5 ms.
+    A frame of 1280 x 1280 takes 2.2 MB and 35 to 42 ms of CPU time, or 3.3 MB and 3 to 5 ms.
     """
     header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
     file = OpenEXR.File({**header, **(attributes or {})}, dict(channels))
@@ -98,25 +76,12 @@ def write_channels(
 def read_luminance(
     path: Path, *, layer: str | None = None, intact: bool = False
 ) -> NDArray[np.float32]:
-    """Read the luminance of an image, on its display window.
+    """Read the luminance of an image on its display window, (H, W); 0 outside the data window.
 
-    It is channel Y, or comes from R, G and B with the weights of the file's `chromaticities`
-    (Rec. 709 by default). Outside the data window it is 0.
-
-    Parameters
-    ----------
-    layer
-        The layer to read, as "ViewLayer.Combined" for ViewLayer.Combined.R; in a file of several
-        parts the part, or part and layer. By default channels without a layer, else the only
-        layer with light, else Blender's Combined.
-    intact
-        Whether the file is known to be undamaged. If not, stdout and stderr of the process are
-        silent during the reading, because the library prints its errors there.
-
-    Returns
-    -------
-    image
-        (H, W) float32.
+    It is channel Y, or comes from R, G and B with the file's `chromaticities` (Rec. 709 by
+    default). `layer` is as in "ViewLayer.Combined", or the part, or part and layer; by default
+    channels without a layer, else the only layer with light, else Blender's Combined. Unless
+    `intact`, the process prints nothing meanwhile, because the library prints its errors.
     """
     chosen = find_layer(path, layer, intact=intact)
     prefix = chosen.prefix
@@ -190,10 +155,7 @@ def _layer_name(part: str, prefix: str) -> str:
 
 
 def _luminance_weights(chromaticities: Sequence[float]) -> NDArray[np.float32]:
-    """Return the weights of linear red, green and blue, from CIE x and y of them and of white.
-
-    They are the row of Y in the matrix to XYZ: the primaries, scaled so that they add up to white.
-    """
+    """Return Y's row in the matrix from RGB to XYZ, by CIE x and y of R, G, B and white."""
     x, y = np.reshape(chromaticities, (4, 2)).T.astype(np.float64)
     xyz = np.stack([x, y, 1 - x - y])  # a column for each
     scales = np.linalg.solve(xyz[:, :3], xyz[:, 3] / y[3])
@@ -218,12 +180,7 @@ def _on_display(image: NDArray[np.float32], header: Mapping[str, Any]) -> NDArra
 
 
 def read_half(path: Path) -> NDArray[np.float16]:
-    """Read the image of channel Y in half precision, as `write_luminance` stores it.
-
-    Returns
-    -------
-    (H, W) float16.
-    """
+    """Read channel Y in half precision, (H, W), as `write_luminance` stores it."""
     with _open(path) as file:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float16)
 
@@ -276,8 +233,7 @@ def _open(
 ) -> Iterator[OpenEXR.File]:
     """Open an image; errors of the library become a RenderError that names the file.
 
-    While it is open, the process is silent, as the library prints its errors. What other threads
-    print meanwhile is lost, so a missing file, which is common, is not opened.
+    If `silent`, the process prints nothing meanwhile, as the library prints its errors.
     """
     if not path.is_file():
         raise RenderError(f"{path}: missing")

@@ -11,22 +11,7 @@ import numpy as np
 
 
 def use_python_numbers(settings: Any) -> None:
-    """Replace NumPy's numbers in the fields of a dataclass by Python's, arrays and lists by tuples.
-
-    Examples
-    --------
-    >>> from dataclasses import dataclass
-    >>> import numpy as np
-    >>> from eres_render.storage.json_values import use_python_numbers
-    >>> @dataclass(frozen=True)
-    ... class Settings:
-    ...     width: int
-    ...     cutoffs_hz: tuple[float, ...]
-    ...     def __post_init__(self):
-    ...         use_python_numbers(self)
-    >>> Settings(np.int64(64), np.array([50.0, 200.0]))
-    Settings(width=64, cutoffs_hz=(50.0, 200.0))
-    """
+    """Replace NumPy's numbers in a dataclass's fields by Python's, arrays and lists by tuples."""
     for field in fields(settings):
         value = _with_python_numbers(getattr(settings, field.name))
         object.__setattr__(settings, field.name, value)
@@ -43,22 +28,7 @@ def _with_python_numbers(value: Any) -> Any:
 
 
 def json_values(value: object, optional: Collection[str] = ()) -> Any:
-    """Return settings as values for JSON.
-
-    Dataclasses become objects, tuples lists, and infinity "inf", as JSON has no such number.
-
-    Parameters
-    ----------
-    optional
-        Names of fields that are left out of dataclasses if they are None, False, 0 or empty.
-
-    Examples
-    --------
-    >>> import math
-    >>> from eres_render.storage.json_values import json_values
-    >>> json_values({"width": 64, "cutoffs_hz": (200.0, math.inf)})
-    {'width': 64, 'cutoffs_hz': [200.0, 'inf']}
-    """
+    """Return settings as values for JSON, infinity as "inf", without empty `optional` fields."""
     if is_dataclass(value):
         named = {field.name: getattr(value, field.name) for field in fields(value)}
         value = {name: item for name, item in named.items() if name not in optional or item}

@@ -21,13 +21,7 @@ class LockedError(Exception):
 
 @contextmanager
 def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
-    """Hold a lock, in a context.
-
-    Parameters
-    ----------
-    path
-        The lock file, which is made if necessary. An exclusive holder deletes it on release.
-    """
+    """Hold a lock file, made if necessary; an exclusive holder deletes it on release."""
     with _exclusive(path, wait) if sys.platform == "win32" else _acquired(path, shared, wait):
         try:
             yield

@@ -38,13 +38,7 @@ def formerly(*names: str) -> dict[str, tuple[str, ...]]:
 
 
 def differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield where two tables of plain values differ.
-
-    Yields
-    ------
-    (str, Any, Any)
-        Name of a field, such as "render.spp", and its two values; None if one has no such field.
-    """
+    """Yield fields that differ, such as "render.spp", and their values; None if missing."""
     if isinstance(found, dict) and isinstance(expected, dict):
         for key in {**expected, **found}:
             inner = f"{name}.{key}" if name else key
@@ -54,24 +48,12 @@ def differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str
 
 
 def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
-    """Read a TOML file.
-
-    Parameters
-    ----------
-    error
-        Raised if the file cannot be read, is not TOML, or a field is wrong.
-    """
+    """Read a TOML file; raise `error` if anything is wrong with it."""
     return _read(kind, file, tomllib.loads, "TOML", error)
 
 
 def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
-    """Read a JSON file.
-
-    Parameters
-    ----------
-    error
-        Raised if the file cannot be read, is not JSON, or a field is wrong.
-    """
+    """Read a JSON file; raise `error` if anything is wrong with it."""
     return _read(kind, file, json.loads, "JSON", error)
 
 
@@ -101,19 +83,12 @@ def check_nesting(found: Any) -> None:
 def read_typed(
     kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
 ) -> T:
-    """Convert a parsed value to a type.
+    """Convert a parsed value to a type, or raise `error`; a value that has the type stays as it is.
 
-    Parameters
-    ----------
-    kind
-        A dataclass (a table with exactly its fields; those with a default may be absent), a union
-        of dataclasses that differ in their field `kind`, dict[str, ...], a tuple of one type (a
-        list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
-        None is for an optional field, which is null in JSON or absent.
-    found
-        The parsed value, or one that has the type already, which stays as it is.
-    error
-        Raised if a field is missing, unknown, of the wrong type, or refused by its dataclass.
+    `kind` is a dataclass (a table with exactly its fields; fields with a default may be absent), a
+    union of dataclasses that differ in their field `kind`, dict[str, ...], a tuple of one type (a
+    list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
+    None is for an optional field, which is null in JSON or absent.
     """
 
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:
@@ -165,17 +140,7 @@ def check_known(
     error: type[ValueError],
     prefix: str = "",
 ) -> None:
-    """Refuse unknown fields.
-
-    Parameters
-    ----------
-    found, known
-        Names of the fields that a table has, and of those that it may have.
-    file, prefix
-        The place of the table, for the message: its file, and its name with a dot.
-    error
-        Raised for the first unknown field; it suggests a similar one, or lists all.
-    """
+    """Raise `error` for the first unknown field, with `prefix` (its table and a dot) before it."""
     for word in found:
         if word not in known:
             raise error(f"{file}: {prefix}{word}: unknown; {suggestion(word, known)}")

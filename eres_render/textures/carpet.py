@@ -40,11 +40,8 @@ _WEAVE = 0.15
 def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
     """Return the reflectance of a hand-tufted carpet with a design of the Bokhara kind.
 
-    A field of octagonal guls within star and zigzag borders is tufted in six yarns, tuft by tuft,
-    so every outline is stepped. The tufts lie roughly along the rows, as the pile was last brushed,
-    and overlap like shingles. Their relief is shaded once, by a low lamp and light from everywhere,
-    with the shadows that they cast; that shading is part of the texture: the carpet is rendered as
-    a flat, Lambertian surface.
+    Its relief is shaded once, by a low lamp and light from everywhere. That shading is part of the
+    texture: the carpet is rendered as a flat, Lambertian surface.
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
@@ -204,10 +201,7 @@ def _lay_tufts(
     jitter: Float32,
     fibers: Float32,
 ) -> None:
-    """Lay the tufts down: fill in each texel's height, in texels, and log reflectance.
-
-    A tuft is a dome over an ellipse, higher at its tip; where tufts overlap the highest is seen.
-    """
+    """Fill in each texel's height, texels, and log reflectance from the highest tuft there."""
     height, width = relief.shape
     rows, columns = log_yarn.shape
     a, b, top = _LENGTH * _TUFT_TEXELS, _BREADTH * _TUFT_TEXELS, _HEIGHT * _TUFT_TEXELS

@@ -10,15 +10,7 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def tweed(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.25
 ) -> Float32:
-    """Return herringbone tweed: twill that turns every 2.4 cm, of uneven yarn.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return herringbone tweed: twill that turns every 2.4 cm, of uneven yarn."""
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     stripe = max(8, round(0.024 / texel_m))
     lean = np.where((column // stripe) % 2 == 0, 1, -1)
@@ -37,17 +29,7 @@ def striped(
     tones: tuple[float, ...] = (0.6, 0.25, 0.6, 0.12),
     period_m: float = 0.14,
 ) -> Float32:
-    """Return cloth with stripes along v, in a plain weave.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    period_m
-        Width of one repeat of all stripes, m.
-    """
+    """Return cloth in a plain weave, with stripes along v that repeat every `period_m`."""
     x = np.arange(shape[1], dtype=np.float32) * np.float32(texel_m / period_m)
     stripe = np.log(np.array(tones, dtype=np.float32))[
         (x * len(tones)).astype(np.intp) % len(tones)
@@ -60,15 +42,7 @@ def striped(
 
 
 def kilim(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a flat-woven rug: bands of stepped diamonds in a plain border with a toothed line.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return a flat-woven rug: bands of stepped diamonds in a plain border with a toothed line."""
     yarn_m = 0.005
     rows, columns = (int(np.ceil(n * texel_m / yarn_m)) for n in shape)
     y, x = np.arange(rows)[:, None], np.arange(columns)[None, :]

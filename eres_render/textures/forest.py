@@ -24,13 +24,7 @@ _SUBPIXEL_BITS = 4  # of OpenCV's coordinates
 
 
 def forest(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the reflectance of a print of a forest.
-
-    Parameters
-    ----------
-    texel_m
-        Size of a texel in the forest, m.
-    """
+    """Return the reflectance of a print of a forest; `texel_m` is a size in the forest."""
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     log_reflectance = -0.9 + 0.35 * fractal_noise(shape, 1.0 / texel_m, 1, rng)

@@ -19,14 +19,8 @@ def fractal_noise(
 ) -> Float32:
     """Return noise of unit variance with a share in every octave of scale, as 1/f noise has.
 
-    Parameters
-    ----------
-    shape
-        (height, width) in texels.
-    coarsest_px, finest_px
-        Size of the largest and about that of the smallest blobs, in texels.
-    fall
-        Amplitude of an octave relative to the next coarser one; 1 is 1/f noise.
+    Blobs are `coarsest_px` to about `finest_px` texels large. `fall` is the amplitude of an octave
+    relative to the next coarser octave; 1 is 1/f noise.
     """
     import cv2
 

@@ -10,15 +10,7 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def plaster(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.7
 ) -> Float32:
-    """Return rough plaster: trowel marks, grains and their small shadows.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return rough plaster: trowel marks, grains and their small shadows."""
     import cv2
 
     relief = fractal_noise(shape, 0.02 / texel_m, 1, rng)
@@ -31,15 +23,7 @@ def plaster(
 def wallpaper(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.5
 ) -> Float32:
-    """Return a printed paper: palmettes on stripes, half a repeat apart, on embossed paper.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return a printed paper: palmettes on stripes, half a repeat apart, on embossed paper."""
     y, x = (np.arange(n, dtype=np.float32) * np.float32(texel_m) for n in shape)
     period_x, period_y = 0.18, 0.27
     x, y = x[None, :], y[:, None]
@@ -64,15 +48,7 @@ def wallpaper(
 def bricks(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.28
 ) -> Float32:
-    """Return a wall of bricks in running bond, no two alike, in sandy mortar.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return a wall of bricks in running bond, no two alike, in sandy mortar."""
     length_m, height_m, joint_m = 0.25, 0.075, 0.012
     warp = fractal_noise(shape, 0.03 / texel_m, 0.004 / texel_m, rng)
     y = np.arange(shape[0], dtype=np.float32)[:, None] * np.float32(texel_m) + 0.0012 * warp

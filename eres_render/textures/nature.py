@@ -10,13 +10,7 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def leaf(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.16
 ) -> Float32:
-    """Return a leaf along v: midrib, side veins, blotches.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a leaf along v: midrib, side veins, blotches."""
     height, width = shape
     u = np.abs(np.linspace(-1, 1, width, dtype=np.float32))[None, :]
     v = np.linspace(0, 1, height, dtype=np.float32)[:, None]
@@ -28,13 +22,7 @@ def leaf(
 
 
 def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return potting soil.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return potting soil."""
     crumbs = fractal_noise(shape, 16, 1, rng, fall=1.2)
     return np.exp(np.log(0.07) + 0.5 * crumbs, dtype=np.float32)
 
@@ -42,15 +30,7 @@ def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> F
 def glaze(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.4
 ) -> Float32:
-    """Return glazed clay with painted bands and crackle.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return glazed clay with painted bands and crackle."""
     log_tone = np.log(tone) + 0.10 * fractal_noise(shape, 0.05 / texel_m, 1, rng)
     y = np.linspace(0, 1, shape[0], dtype=np.float32)[:, None]
     x = np.linspace(0, 1, shape[1], dtype=np.float32)[None, :]
@@ -64,35 +44,17 @@ def glaze(
 def peel(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.4
 ) -> Float32:
-    """Return the skin of a fruit: pores and blush.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return the skin of a fruit: pores and blush."""
     blush = fractal_noise(shape, 0.1 / texel_m, 0.02 / texel_m, rng)
     pores = np.maximum(fractal_noise(shape, 3, 1, rng) - 0.8, 0)
     return np.exp(np.log(tone) + 0.15 * blush - 0.5 * pores, dtype=np.float32)
 
 
 def garden_view(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the radiance of a hazy garden: sky, tree line, hedge, leaves.
+    """Return the radiance of a hazy garden, W m^-2 sr^-1: sky, tree line, hedge, leaves.
 
-    The hour is about sunset on an overcast day, when lamps are lit: the sky, about 0.5, is not much
-    brighter than a wall in lamplight (about 75 against 30 cd/m^2 in a real room).
-
-    Parameters
-    ----------
-    texel_m
-        Size of a texel, m.
-
-    Returns
-    -------
-    radiance
-        (height_px, width_px) float32, W m^-2 sr^-1.
+    At sunset the sky, about 0.5, is not much brighter than a wall in lamplight (about 75 against 30
+    cd/m^2 in a real room).
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)

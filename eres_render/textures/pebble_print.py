@@ -17,13 +17,7 @@ _MIDDLE_TO, _CONTRAST = -1.42, 0.45
 
 
 def pebble_print(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the reflectance of a print of a bed of stones.
-
-    Parameters
-    ----------
-    texel_m
-        Size of a texel in the bed, m.
-    """
+    """Return the reflectance of a print of a bed of stones; `texel_m` is a size in the bed."""
     log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
     log_reflectance += _log_shading(relief)
     return saturated(_MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM))

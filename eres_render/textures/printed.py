@@ -55,13 +55,7 @@ def _on_paper(image: Float32, rng: np.random.Generator) -> Float32:
 
 
 def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a bound spine: cloth or leather, bands, a title that runs along it.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a bound spine: cloth or leather, bands, a title that runs along it."""
     height, width = shape
     tone = float(rng.choice([0.06, 0.09, 0.14, 0.2, 0.3, 0.42, 0.6]))
     ink = 0.7 if tone < 0.25 else 0.05
@@ -85,13 +79,7 @@ def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
 
 
 def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a cover: cloth with a title and a frame.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a cover: cloth with a title and a frame."""
     tone = float(rng.choice([0.08, 0.14, 0.25, 0.5]))
     ink = 0.7 if tone < 0.2 else 0.06
     cover = np.exp(np.log(tone) + 0.14 * fractal_noise(shape, 12, 1, rng), dtype=np.float32)
@@ -110,28 +98,14 @@ def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
 
 
 def book_pages(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return the cut edges of pages.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return the cut edges of pages."""
     sheets = 0.22 * rng.standard_normal((1, shape[1]), dtype=np.float32)
     grain = 0.06 * rng.standard_normal(shape, dtype=np.float32)
     return np.exp(np.log(0.6) + sheets + grain, dtype=np.float32)
 
 
 def text_page(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a printed page: a heading, columns of lines of words, a woodcut.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return a printed page: a heading, columns of lines of words, a woodcut."""
     height, width = shape
     page = np.full(shape, 0.72, dtype=np.float32)
     line, margin = max(6, round(0.009 / texel_m)), round(0.05 / texel_m)
@@ -155,13 +129,7 @@ def text_page(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
 
 
 def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a painting of hills behind hills under clouds, in visible brush strokes.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a painting of hills behind hills under clouds, in visible brush strokes."""
     height, width = shape
     clouds = fractal_noise(shape, 0.5 * width, 4, rng)
     sky = np.linspace(0.30, 0.72, height, dtype=np.float32)[:, None]
@@ -179,13 +147,7 @@ def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
 
 
 def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a painting of rectangles and discs, outlined, on canvas.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a painting of rectangles and discs, outlined, on canvas."""
     import cv2
 
     image = np.full(shape, 0.6, dtype=np.float32)
@@ -206,13 +168,7 @@ def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -
 
 
 def poster(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a poster: large words over fine print, a sun of rays.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    """
+    """Return a poster: large words over fine print, a sun of rays."""
     height, width = shape
     y, x = np.mgrid[:height, :width].astype(np.float32)
     angle = np.arctan2(y - 0.42 * height, x - 0.5 * width)

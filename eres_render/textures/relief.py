@@ -18,15 +18,7 @@ _SKY_ELEVATIONS_DEG = (20.0, 55.0)
 
 
 class Faces(NamedTuple):
-    """The faces of a relief's texels.
-
-    Attributes
-    ----------
-    slope_x, slope_y
-        (height, width) float32, rise along the columns' and the rows' direction.
-    up
-        (height, width) float32, upward component of the unit normal.
-    """
+    """Slopes of a relief's texels along x and y, and the upward component of their unit normals."""
 
     slope_x: Float32
     slope_y: Float32
@@ -39,13 +31,7 @@ class Faces(NamedTuple):
 
 
 def faces_of(relief: Float32) -> Faces:
-    """Return the faces of a relief.
-
-    Parameters
-    ----------
-    relief
-        (height, width) heights, texels.
-    """
+    """Return the faces of a relief of heights in texels."""
     import cv2
 
     slope_x, slope_y = (
@@ -59,15 +45,9 @@ def faces_of(relief: Float32) -> Faces:
 def log_light(
     relief: Float32, sun: tuple[float, float, float], sky: float, least: float = 0.015
 ) -> Float32:
-    """Return the log of the irradiance on a relief, 0 on level ground.
+    """Return the log of the irradiance on a relief (heights in texels), 0 on level ground.
 
-    Every texel is lit by a sun and by 16 directions that stand for a uniform sky, each as far as
-    the relief does not block it.
-
-    Parameters
-    ----------
-    relief
-        (height, width) heights, texels.
+    Every texel is lit by a sun and by 16 directions that stand for a uniform sky, if not blocked.
     """
     faces = faces_of(relief)
     x, y, z = np.asarray(sun, np.float64) / np.linalg.norm(sun)
@@ -83,13 +63,7 @@ def log_light(
 
 
 def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
-    """Return the share of a distant lamp that each texel sees.
-
-    Parameters
-    ----------
-    relief
-        (height, width) heights, texels.
-    """
+    """Return the share of a distant lamp that each texel of a relief (heights in texels) sees."""
     visible = np.empty_like(relief)
     _lit(relief, x, y, z, visible)
     return visible
@@ -136,11 +110,10 @@ def _shade_row(
     horizon: Float32,
     visible: Float32,
 ) -> None:
-    """Write the height below which all of a row is in shadow, and the share of the lamp it sees.
+    """Fill in a row's `horizon`, below which all is in shadow, and its share of the lamp.
 
-    `nearer` is that height in the row before, nearer to the lamp. Light that comes more along the
-    rows than across them is followed from column to column, other light from row to row; between
-    two texels, the height is interpolated.
+    `nearer` is the horizon of the row before, nearer to the lamp. Light that comes more along the
+    rows than across them is followed from column to column, other light from row to row.
     """
     columns = len(heights)
     step = 1 if x <= 0 else -1  # away from the lamp

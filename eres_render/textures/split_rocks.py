@@ -19,13 +19,7 @@ _STRATA_M = 0.05  # from one layer of the rock to the next
 
 
 def split_rocks(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the reflectance of a print of split rocks.
-
-    Parameters
-    ----------
-    texel_m
-        Size of a texel on the rocks, m.
-    """
+    """Return the reflectance of a print of split rocks; `texel_m` is a size on the rocks."""
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     log_reflectance = -1.35 + 0.25 * fractal_noise(shape, 0.2 / texel_m, 1, rng)

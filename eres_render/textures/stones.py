@@ -52,12 +52,10 @@ _SHARES = np.array([0.30, 0.24, 0.20, 0.16, 0.10])
 
 
 def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the reflectance of a bed of stones.
+    """Return the reflectance of a bed of stones, laid down from large to small wherever they fit.
 
-    Stones of all sizes are laid down from large to small wherever they find room. Each is a rounded
-    polygon with a domed top and its own reflectance, grain, bands and veins. The relief is
-    then shaded once, by a fixed light and the sky, and that shading is part of the texture: the bed
-    is rendered as a flat, Lambertian surface.
+    The relief is shaded once, by a fixed light and the sky. That shading is part of the texture:
+    the bed is rendered as a flat, Lambertian surface.
     """
     log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
     log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM)
@@ -66,15 +64,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
 
 
 def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple[Float32, Float32]:
-    """Return a bed of stones before light falls on it.
-
-    Returns
-    -------
-    log_reflectance
-        (height_px, width_px) float32.
-    relief
-        (height_px, width_px) float32 heights, texels.
-    """
+    """Return log reflectance and relief, texels, of a bed of stones before light falls on it."""
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     radius_px = _radii(shape, _MAX_M / texel_m, rng)

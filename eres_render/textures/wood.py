@@ -18,17 +18,7 @@ def wood(
     along_u: bool = True,
     ring_m: float = 0.018,
 ) -> Float32:
-    """Return the reflectance of a board: growth rings, fibers, pores.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    ring_m
-        Distance between growth rings at the board's surface, m.
-    """
+    """Return the reflectance of a board: growth rings `ring_m` apart, fibers, pores."""
     if along_u:
         return wood(shape[::-1], texel_m, rng, tone, along_u=False, ring_m=ring_m).T
     across = np.arange(shape[1], dtype=np.float32) * np.float32(texel_m / ring_m)
@@ -45,15 +35,7 @@ def wood(
 def planks(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.3
 ) -> Float32:
-    """Return a floor of boards that run along u, each with its own shade, with dark joints between.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns) of the texture, texels.
-    texel_m
-        Size of a texel, m.
-    """
+    """Return a floor of boards that run along u, each of its own shade, with dark joints."""
     height, width = shape
     board, length = (round(side_m / texel_m) for side_m in _BOARD_M)
     joint = max(1, round(0.002 / texel_m))

@@ -17,19 +17,9 @@ _MAX_SEGMENTS = 100_000  # of a path: hours at usual speeds
 
 
 def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
-    """Return the pose that looks straight at a point on a plane, from its front, upright.
+    """Return the pose, (4, 4), that looks straight at a point on a plane, from its front, upright.
 
     Up in the image is the world's y axis (the z axis for a plane that faces along y).
-
-    Parameters
-    ----------
-    target
-        (3,) point on it.
-
-    Returns
-    -------
-    T_world_cam
-        (4, 4) pose.
     """
     z = -np.asarray(plane.normal)
     up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
@@ -38,22 +28,7 @@ def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
 
 
 def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float64:
-    """Return the pose at a position that looks at a target, upright.
-
-    Parameters
-    ----------
-    position_m
-        (3,) place of the camera.
-    target_m
-        (3,) point in the middle of its view.
-    up
-        (3,) direction that is up in the image.
-
-    Returns
-    -------
-    T_world_cam
-        (4, 4) pose.
-    """
+    """Return the pose, (4, 4), at a position, (3,) m, that looks at a target with `up` upward."""
     z = np.asarray(target_m, dtype=np.float64) - np.asarray(position_m)
     x = np.cross(z, np.asarray(up))
     if not np.linalg.norm(x) > 1e-6 * np.linalg.norm(z) * np.linalg.norm(up):

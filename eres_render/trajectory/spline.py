@@ -21,13 +21,7 @@ _STRETCHES_AT_ONCE = 1 << 14  # whose lengths are computed together, with 8 pose
 
 
 class TurnsTooFarError(TrajectoryError):
-    """The camera turns so far between two poses that no spline is found.
-
-    Attributes
-    ----------
-    number
-        Number of the pose that the spline misses by the most.
-    """
+    """The camera turns too far between two poses; the spline misses pose `number` by the most."""
 
     number: int = 0
 
@@ -205,16 +199,8 @@ class Trajectory:
     def _weights(self, t_s: ArrayLike) -> tuple[NDArray[np.intp], Float64, Float64, Float64]:
         """Return the first of each time's four controls, and the weights of the steps from it.
 
-        Returns
-        -------
-        i
-            (...) indices.
-        weights
-            (..., 3), cumulative basis: finished share of the step from control i + j to the next.
-        rates
-            (..., 3), their time derivatives, 1/s.
-        bends
-            (..., 3), the second derivatives, 1/s^2.
+        The weights (..., 3) are a cumulative basis: the finished share of the step from control i +
+        j to the next. Their first and second time derivatives, 1/s and 1/s^2, follow.
         """
         t = np.asarray(t_s, dtype=np.float64)
         tolerance_s = 1e-9
@@ -228,13 +214,7 @@ class Trajectory:
 
 
 def check_finite(name: str, values: Float64) -> None:
-    """Check that numbers are finite.
-
-    Parameters
-    ----------
-    values
-        (N, ...) the numbers.
-    """
+    """Refuse numbers, (N, ...), that are not finite."""
     finite = np.isfinite(values)
     if not finite.all():
         k = int(np.argwhere(~finite)[0, 0])
@@ -357,16 +337,8 @@ def _checked_poses(t_s: ArrayLike, T_world_cam: ArrayLike) -> tuple[Float64, Flo
 def _natural_system(extended: Float64) -> tuple[Float64, float, float]:
     """Return the equations for the control positions of a path through given positions.
 
-    Parameters
-    ----------
-    extended
-        (N + 4,) knots with two more on each side.
-
-    Returns
-    -------
-    banded, first_step, last_step
-        (3, N) matrix for `solve_banded`, and how many times as long as their neighbors the
-        outermost two steps between control positions are.
+    From the N knots, with two more on each side, come a (3, N) matrix for `solve_banded`, and how
+    many times as long as its neighbor the first and the last step between controls is.
     """
     n = len(extended) - 4
     # Position k is a_k c_(k-1) + b_k c_k + d_k c_(k+1), in control positions c.
@@ -396,12 +368,7 @@ def _cumulative_basis(
 ) -> tuple[Float64, Float64, Float64]:
     """Return the cumulative cubic basis and two time derivatives at t in the i-th segment.
 
-    De Boor's recursion, written out for the one segment [k2, k3] and the knots about it.
-
-    Parameters
-    ----------
-    extended_s
-        (N + 2,) the control poses' times with one more on each side.
+    De Boor's recursion, written out for [k2, k3]; `extended_s` has one more time on each side.
     """
     k0, k1, k2, k3, k4, k5 = (extended_s[i + j] for j in range(6))
     linear = np.stack([k3 - t, t - k2]) / (k3 - k2)

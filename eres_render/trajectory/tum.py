@@ -21,17 +21,7 @@ _EXACT = Context(prec=1000)  # digits, more than a float64 has
 def tum_text(
     t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0, what: str = "T_world_cam"
 ) -> str:
-    """Return poses as text in TUM's format.
-
-    Times have all their digits: `read_tum` with the same offset returns them to the last bit.
-
-    Parameters
-    ----------
-    t_s
-        (N,) times.
-    T_world_cam
-        (N, 4, 4) poses.
-    """
+    """Return (N, 4, 4) poses as TUM text; `read_tum` returns their times, s, to the last bit."""
     xyz = T_world_cam[:, :3, 3]
     xyzw = Rotation.from_matrix(T_world_cam[:, :3, :3]).as_quat()
     rows = np.column_stack([t_s, xyz, xyzw])
@@ -57,27 +47,13 @@ def _earlier(times: list[Decimal], t_offset_us: int) -> Float64:
 
 
 def read_tum(path: Path, t_offset_us: int = 0) -> tuple[Float64, Float64]:
-    """Read a TUM file.
-
-    Returns
-    -------
-    t_s, T_world_cam
-        (N,) times in seconds and (N, 4, 4) poses.
-    """
+    """Read a TUM file: (N,) times, s, and (N, 4, 4) poses."""
     times, poses = _read(path)
     return _earlier(times, t_offset_us), poses
 
 
 def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
-    """Read a TUM file, with times that count from the first one.
-
-    Returns
-    -------
-    t_offset_us
-        The first time, rounded to microseconds.
-    t_s, T_world_cam
-        As of `read_tum`, with that offset.
-    """
+    """Return a TUM file's first time, rounded to microseconds, and `read_tum` with that offset."""
     times, poses = _read(path)
     t_offset_us = round(_EXACT.scaleb(times[0], 6))
     return t_offset_us, _earlier(times, t_offset_us), poses
