@@ -55,32 +55,32 @@ _ALL = "all"
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
-def overview(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
+def overview(chosen: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
     """Return a table with one line per series."""
-    lines = [(one, _scenes(choices)) for one, choices in found.items()]
-    return f"{_wrapped(_rule_text(found, base))}\n\n{_table(found, lines)}"
+    lines = [(series, _scenes(choices)) for series, choices in chosen.items()]
+    return f"{_wrapped(_rule_text(chosen, base))}\n\n{_table(chosen, lines)}"
 
 
-def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
+def details(chosen: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
     """Return a table with one line per series and scene, including ties in brackets."""
     tied = (
         "In brackets: an even smaller width, if the samples do not separate it from the best "
         "(paired 95 % interval)."
     )
-    lines = [(one, [scene]) for one, choices in found.items() for scene in _scenes(choices)]
-    said = f"{_rule_text(found, base)} {tied}"
-    return f"{_wrapped(said)}\n\n{_table(found, lines, tied=True)}"
+    lines = [(series, [scene]) for series, choices in chosen.items() for scene in _scenes(choices)]
+    text = f"{_rule_text(chosen, base)} {tied}"
+    return f"{_wrapped(text)}\n\n{_table(chosen, lines, tied=True)}"
 
 
 def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     """Return how many claims hold, which, and what changes with another photoreceptor."""
     verdicts = next(iter(judged.values()))
-    measured = [one for one in verdicts if one.status in _WORDS]
+    measured = [verdict for verdict in verdicts if verdict.status in _WORDS]
     if not measured:
         return "None of the paper's claims is about this run."
     parts: dict[int, list[Status]] = {}  # of claims, by their number
-    for one in measured:
-        parts.setdefault(one.number, []).append(one.status)
+    for verdict in measured:
+        parts.setdefault(verdict.number, []).append(verdict.status)
     by_status: dict[Status, list[str]] = {status: [] for status in _WORDS}
     for number, statuses in parts.items():
         by_status[status_of(statuses)].append(str(number))
@@ -88,11 +88,11 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     text = f"Of {len(parts)} claims that this run measures, {join_words(counts)}."
     for name in [*judged][1:]:
         changed = changed_verdicts({"": verdicts, name: judged[name]})
-        named = [f"{there.number} {_WORDS[there.status][0]}" for _, there in changed]
-        said = "no verdict changes"
+        named = [f"{verdict.number} {_WORDS[verdict.status][0]}" for _, verdict in changed]
+        changes = "no verdict changes"
         if named:
-            said = f"only these verdicts change: {join_words(named)}"
-        text += f" With {photoreceptor_label(name)}, {said}."
+            changes = f"only these verdicts change: {join_words(named)}"
+        text += f" With {photoreceptor_label(name)}, {changes}."
     return _wrapped(text)
 
 
@@ -102,17 +102,17 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
     first, *others = judged
     columns: list[list[str]] = [[""], ["claim"], ["verdict"], ["why"]]
     missing: dict[str, None] = {}
-    for k, one in enumerate(judged[first]):
-        if one.status is Status.NOT_MEASURED:
-            missing[str(one.number)] = None
+    for k, claim in enumerate(judged[first]):
+        if claim.status is Status.NOT_MEASURED:
+            missing[str(claim.number)] = None
             continue
         changed = {
-            name: status for name in others if (status := judged[name][k].status) != one.status
+            name: status for name in others if (status := judged[name][k].status) != claim.status
         }
         texts = [f"{photoreceptor_label(name)}: {status}" for name, status in changed.items()]
-        verdict = f"{one.status} ({'; '.join(texts)})" if texts else str(one.status)
+        verdict = f"{claim.status} ({'; '.join(texts)})" if texts else str(claim.status)
         for column, text in zip(
-            columns, (str(one.number), one.title, verdict, one.why), strict=True
+            columns, (str(claim.number), claim.title, verdict, claim.why), strict=True
         ):
             column.append(text)
     table = _markdown(columns)
@@ -122,22 +122,24 @@ def claim_list(judged: Mapping[str, Sequence[Verdict]]) -> str:
 def sample_worth(run: FinishedRun) -> str:
     """Return how many independent samples those of each scene are worth, a line for each task."""
     reading = run.scores.photoreceptor
-    found = {one: leads({reading: run.scores}, one) for one in run.firsts}
-    first = {one: leads_of_one[0] for one, leads_of_one in found.items() if leads_of_one}
+    every = {series: leads({reading: run.scores}, series) for series in run.firsts}
+    first = {series: leads_of_one[0] for series, leads_of_one in every.items() if leads_of_one}
     if not first:
         return "This run compares no two sensors behind a photoreceptor."
-    at = max(one.cutoff_hz for one in first.values()), min(one.speed for one in first.values())
+    at = max(lead.cutoff_hz for lead in first.values()), min(lead.speed for lead in first.values())
     worth = {
-        (series, one.scene): lead.effective_samples
-        for series, leads_of_one in found.items()
-        for one in leads_of_one
-        if (one.cutoff_hz, one.speed) == at and (lead := one.found[reading])
+        (series, place.scene): lead.effective_samples
+        for series, leads_of_one in every.items()
+        for place in leads_of_one
+        if (place.cutoff_hz, place.speed) == at and (lead := place.found[reading])
     }
-    columns = [["", *(one.title for one in first)]]
+    columns = [["", *(series.title for series in first)]]
     for scene in run.scenes:
-        of_scene = [(worth.get((one, scene)), run.scores.samples(one, scene)) for one in first]
+        of_scene = [
+            (worth.get((series, scene)), run.scores.samples(series, scene)) for series in first
+        ]
         columns.append([scene, *(f"{n:.2g} of {count}" if n else MISSING for n, count in of_scene)])
-    fine, coarse = (one.label for one in next(iter(first.values())).sensors)
+    fine, coarse = (sensor.label for sensor in next(iter(first.values())).sensors)
     text = (
         "Intervals take the samples of a scene as independent. By the correlation of neighbors on "
         f"the path they are worth fewer. For the lead of {fine} over {coarse}, "
@@ -178,12 +180,12 @@ def medians(run: FinishedRun) -> str:
             for cutoff_hz, speed in answered(choose_all(scores, series)):
                 at = f"{_light_text(cutoff_hz)}, {speed_label('', speed)}"
                 places = [Condition(scene, s.width, cutoff_hz, speed, s.name) for s in sensors]
-                found = [scores.cell(series, place).median for place in places]
-                known = [metric.sign * value for value in found if value is not None]
+                ours = [scores.cell(series, place).median for place in places]
+                known = [metric.sign * value for value in ours if value is not None]
                 if not known:
                     continue
-                texts = [MISSING if v is None else metric.text(v) for v in found]
-                best = [v is not None and metric.sign * v == max(known) for v in found]
+                texts = [MISSING if v is None else metric.text(v) for v in ours]
+                best = [v is not None and metric.sign * v == max(known) for v in ours]
                 bold = [f"**{t}**" if b else t for t, b in zip(texts, best, strict=True)]
                 label = f"{TASKS[series.task].label(series.method)}, {scene}, {at}"
                 for column, text in zip(columns, [label, *bold], strict=True):
@@ -249,7 +251,9 @@ def _leads_table(run: FinishedRun, readings: Mapping[str, Scores], heads: Mappin
             if (lead.cutoff_hz, lead.speed) not in shown:
                 continue
             at = f"{cutoff_label(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
-            values = [None if one is None else one.value for one in lead.found.values()]
+            values = [
+                None if interval is None else interval.value for interval in lead.found.values()
+            ]
             texts = [MISSING if v is None else metric.text(v, "+") for v in (*values, lead.paper)]
             of_all = lead.found.get(_ALL)
             if of_all and of_all.low is not None and of_all.high is not None:
@@ -264,10 +268,10 @@ def program_verdicts(run: FinishedRun) -> str:
     judged = run.verdicts_by_photoreceptor
     columns = [["", *map(_program_text, judged)]]
     for of_claim in zip(*judged.values(), strict=True):
-        statuses = [one.status for one in of_claim]
+        statuses = [verdict.status for verdict in of_claim]
         if {*statuses} <= {Status.NOT_MEASURED, Status.NO_VERDICT}:
             continue
-        texts = [MISSING if one is Status.NOT_MEASURED else str(one) for one in statuses]
+        texts = [MISSING if status is Status.NOT_MEASURED else str(status) for status in statuses]
         columns.append([f"{of_claim[0].number} {of_claim[0].title}", *texts])
     return _markdown([*zip(*columns, strict=True)])
 
@@ -286,43 +290,43 @@ _WORDS = {
 
 
 def _counted(status: Status, numbers: Sequence[str]) -> str:
-    one, several = _WORDS[status]
+    singular, plural = _WORDS[status]
     if not numbers:
-        return f"none {one}"
-    return f"{len(numbers)} {several if numbers[1:] else one} ({', '.join(numbers)})"
+        return f"none {singular}"
+    return f"{len(numbers)} {plural if numbers[1:] else singular} ({', '.join(numbers)})"
 
 
-def _rule_text(found: Mapping[Series, Choices], base: BaseSpeeds) -> str:
-    metrics = dict.fromkeys(TASKS[one.task].metric for one in found)
+def _rule_text(chosen: Mapping[Series, Choices], base: BaseSpeeds) -> str:
+    metrics = dict.fromkeys(TASKS[series.task].metric for series in chosen)
     near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
         '"None": even the best width does not beat doing nothing by more than this margin. '
         "A single entry in a row with several scenes holds for all of them."
     )
-    if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
+    if any(choice and choice.paper for choices in chosen.values() for choice in choices.values()):
         text += (
             " *Paper*: the same rule on the paper's medians, not compared with doing nothing; "
             "a dash means no numbers."
         )
     factors = {
         where[0]: None
-        for choices in found.values()
+        for choices in chosen.values()
         for where in choices
         if not isinstance(where[2], MetersPerSecond)
     }
-    stated = [f"{speed_label(one, 1.0, base)} on {one}" for one in factors if base.get(one)]
+    stated = [f"{speed_label(scene, 1.0, base)} on {scene}" for scene in factors if base.get(scene)]
     return f"{text} Speed 1 is {join_words(stated)}." if stated else text
 
 
 def _table(
-    found: Mapping[Series, Choices], lines: list[tuple[Series, list[str]]], *, tied: bool = False
+    chosen: Mapping[Series, Choices], lines: list[tuple[Series, list[str]]], *, tied: bool = False
 ) -> str:
     """Return a Markdown table: series as rows; conditions, ours and the paper's, as columns."""
-    conditions = list(dict.fromkeys(c for choices in found.values() for c in answered(choices)))
-    columns = [["", *(f"{one.title}, {' / '.join(scenes)}" for one, scenes in lines)]]
+    conditions = list(dict.fromkeys(c for choices in chosen.values() for c in answered(choices)))
+    columns = [["", *(f"{series.title}, {' / '.join(scenes)}" for series, scenes in lines)]]
     for cutoff, speed in conditions:
-        at = [[found[one].get((scene, cutoff, speed)) for scene in s] for one, s in lines]
+        at = [[chosen[series].get((scene, cutoff, speed)) for scene in s] for series, s in lines]
         ours = [_joined([_width_text(choice, tied=tied) for choice in choices]) for choices in at]
         columns.append([f"{_light_text(cutoff)}, {speed_label('', speed)}", *ours])
         if any(choice and choice.paper for choices in at for choice in choices):

@@ -58,11 +58,11 @@ def link_names(app, doctree, docname):
     """
     known = app.env.get_domain("py").objects
     for literal in list(doctree.findall(nodes.literal)):
-        found = known.get(literal.astext())
-        if found is None or isinstance(literal.parent, nodes.reference | nodes.title):
+        entry = known.get(literal.astext())
+        if entry is None or isinstance(literal.parent, nodes.reference | nodes.title):
             continue
-        page = app.builder.get_relative_uri(docname, found.docname)
-        link = nodes.reference(refuri=f"{page}#{found.node_id}", internal=True)
+        page = app.builder.get_relative_uri(docname, entry.docname)
+        link = nodes.reference(refuri=f"{page}#{entry.node_id}", internal=True)
         literal.replace_self(link)
         link += literal
 
@@ -98,7 +98,7 @@ def shorten_arrays(app, what, name, obj, options, signature, returns):
         r"(?:numpy\.|~)*ndarray\[tuple\[(?:~?typing\.)?Any, \.\.\.\], "
         r"(?:numpy\.|~)*dtype\[([^\[\]]*(?:\[[^\[\]]*\])?)\]\]"
     )
-    return tuple(one and spelled_out.sub(r"NDArray[\1]", one) for one in (signature, returns))
+    return tuple(text and spelled_out.sub(r"NDArray[\1]", text) for text in (signature, returns))
 
 
 def of_groups(groups):
@@ -114,14 +114,14 @@ class CommandHelp(SphinxDirective):
     def run(self):
         sections = []
         for name in of_groups(self.content):
-            said = io.StringIO()
+            output = io.StringIO()
             asked = mock.patch("sys.argv", ["eres", *name.split(), "--help"])
-            with asked, redirect_stdout(said), suppress(SystemExit):
+            with asked, redirect_stdout(output), suppress(SystemExit):
                 main()
             label = f"eres-{name}".replace(" ", "-")
             section = nodes.section(ids=[label], names=[label])
             section += nodes.title("", f"eres {name}")
-            lines = [textwrap.fill(line, 84) for line in said.getvalue().splitlines()]
+            lines = [textwrap.fill(line, 84) for line in output.getvalue().splitlines()]
             section += nodes.literal_block("", "\n".join(lines), language="text")
             sections.append(section)
         return sections

@@ -71,9 +71,9 @@ def _read_camera(file: Path, name: str | None) -> Camera:
     return _of_kalibr(table[chosen], f"{file}: {chosen}")
 
 
-def _check(holds: bool, where: Path | str, found: object, expected: str) -> None:
+def _check(holds: bool, where: Path | str, value: object, expected: str) -> None:
     if not holds:
-        raise RenderError(f"{where}: found {found}, expected {expected}")
+        raise RenderError(f"{where}: found {value}, expected {expected}")
 
 
 def write_camera(

@@ -199,8 +199,8 @@ class LiveCamera:
         before = len(self._last_s)
         times_s = frames.checked_times(np.append(self._last_s, t_s), self._frames - before)
         if len(times_s) - before != count:
-            found = len(times_s) - before
-            raise SensorError(f"t_s: {found} times for {count} frames; expected one per frame")
+            given = len(times_s) - before
+            raise SensorError(f"t_s: {given} times for {count} frames; expected one per frame")
         frames.check_spans(times_s, 1.0, self._frames - before)
         if self._frames < 2:  # the first interval
             frames.warn_of_long_intervals(times_s)

@@ -51,19 +51,19 @@ def fall_back(kernel: Any, stamp: str) -> None:
     load_own = cache_file.load
 
     def load(key: Any) -> Any:
-        found = load_own(key)
-        if found is None and not len(kernel.typingctx.callstack):
+        code = load_own(key)
+        if code is None and not len(kernel.typingctx.callstack):
             return _load(kernel, key)
-        return found  # within a caller: that is being compiled for this processor
+        return code  # within a caller: that is being compiled for this processor
 
     cache_file.load = load
 
 
 def runs_here(target: str) -> bool:
     """Return whether this machine can run code of a target."""
-    found = llvmlite.binding.get_host_cpu_features()
+    features = llvmlite.binding.get_host_cpu_features()
     linux = sys.platform == "linux"
-    return linux and all(found.get(name) for name in TARGETS[target])
+    return linux and all(features.get(name) for name in TARGETS[target])
 
 
 def is_in_background() -> bool:
@@ -128,10 +128,10 @@ def compile_for_this_processor() -> None:
 
 def _load(kernel: Any, key: Any) -> Any:
     for target in _usable(key[1][2]):
-        found = _code_file(kernel, target, FOLDER).load(_for_target(key, target))
-        if found is not None:
+        code = _code_file(kernel, target, FOLDER).load(_for_target(key, target))
+        if code is not None:
             _compile_in_background()
-            return found
+            return code
     return None
 
 
@@ -154,8 +154,8 @@ def _usable(features: str) -> list[str]:
     """Return the targets for a processor; features are such as "+avx,-avx512f"."""
     if os.environ.get("ERES_COMPILE") in ("host", "background") or not FOLDER.is_dir():
         return []
-    there = {feature[1:] for feature in features.split(",") if feature.startswith("+")}
-    return [target for target, needed in TARGETS.items() if needed <= there]
+    present = {feature[1:] for feature in features.split(",") if feature.startswith("+")}
+    return [target for target, needed in TARGETS.items() if needed <= present]
 
 
 @cache  # once in a process

@@ -53,12 +53,12 @@ def code() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of eres and of the packages that affect numbers, by name."""
-    found = {"eres": version(DISTRIBUTION)}
+    by_name = {"eres": version(DISTRIBUTION)}
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):  # of an extra
             if name != _TORCH or _TORCH in sys.modules:
-                found[name] = version(name)
-    return found
+                by_name[name] = version(name)
+    return by_name
 
 
 def _git_commit() -> str | None:

@@ -156,7 +156,7 @@ def reason_not_to_wait(mi_scene: mi.Scene, scene: Scene) -> str:
     work = _work(sides, settings.spp)
     if work <= _MAX_SAMPLES:
         return ""
-    name, (n_u, n_v) = max(sides.items(), key=lambda one: math.prod(one[1]))
+    name, (n_u, n_v) = max(sides.items(), key=lambda item: math.prod(item[1]))
     return (
         f"its lightmaps take {work:.1g} samples, hours to bake; the largest, of shape {name!r}, "
         f"has {n_u} x {n_v} cells: make the shape smaller, or bake.cell_m in scene.toml larger"

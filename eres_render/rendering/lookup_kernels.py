@@ -81,30 +81,30 @@ class Samples(NamedTuple):
 
 
 @jit
-def look_up(first, last, seen, textures, samples, marked, image):
+def look_up(first, last, visible, textures, samples, marked, image):
     """Fill in the unmarked pixels of rows [first, last), W m^-2 sr^-1; mark what must be traced."""
     width = image.shape[1]
-    pieces = seen.pieces
+    pieces = visible.pieces
     shown = np.empty(width, np.int32)
     for row in range(first, last):
-        show_row(row, seen.piece_at, marked, shown)
+        show_row(row, visible.piece_at, marked, shown)
         column = 0
         while column < width:
             g = shown[column]
-            if g < 0 or seen.state[g] == MIXED:
+            if g < 0 or visible.state[g] == MIXED:
                 marked[row, column] = 1
                 column += 1
                 continue
             end = column + 1
             while end < width and shown[end] == g:
                 end += 1
-            if seen.state[g] == BLACK:
+            if visible.state[g] == BLACK:
                 image[row, column:end] = 0.0
             elif pieces.texture[g] < 0:
                 image[row, column:end] = pieces.radiance[g]
             else:
                 t = pieces.texture[g]
-                step = _block_px(seen.homographies[g, 2], row, column, end)
+                step = _block_px(visible.homographies[g, 2], row, column, end)
                 for begin in range(column, end, step):
                     stop = min(begin + step, end)
                     # The middle of the block, and its half width and height.
@@ -115,7 +115,7 @@ def look_up(first, last, seen, textures, samples, marked, image):
                         )
                         block = (0.5 * (left + right), 0.5 * (top + bottom),
                                  0.5 * (right - left), 0.5 * (bottom - top))  # fmt: skip
-                    _fill(row, begin, stop, block, seen.homographies[g], textures.address[t],
+                    _fill(row, begin, stop, block, visible.homographies[g], textures.address[t],
                           textures.size[t], samples, marked, image)  # fmt: skip
             column = end
 

@@ -70,9 +70,9 @@ def view_bent(eye, bent, state):
                     product += bent.normals[t, k, i] * (eye[i] - bent.vertices[t, v, i])
                 towards += product > 0.0
                 away += product < 0.0
-        one = LIT if towards == 9 else (BLACK if away == 9 else MIXED)
+        shade = LIT if towards == 9 else (BLACK if away == 9 else MIXED)
         g = bent.piece[t]
-        state[g] = one if state[g] == _UNSEEN or state[g] == one else MIXED
+        state[g] = shade if state[g] == _UNSEEN or state[g] == shade else MIXED
 
 
 @jit

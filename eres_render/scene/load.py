@@ -166,8 +166,8 @@ def _reseeded(scene: Scene, seed: int) -> Scene:
     if not isinstance(path := settings.path, FacingPlanePath | WaypointsPath):
         return scene
     for k in range(_SEEDS_APART):
-        one = replace(path, seed=path.seed + further + k)
-        varied = replace(scene, settings=replace(settings, path=one))
+        other_path = replace(path, seed=path.seed + further + k)
+        varied = replace(scene, settings=replace(settings, path=other_path))
         try:
             varied.trajectory()
         except (SceneError, TrajectoryError) as error:
@@ -177,9 +177,9 @@ def _reseeded(scene: Scene, seed: int) -> Scene:
     raise SceneError(f"{source}: none of {_SEEDS_APART} paths is possible; the last one: {reason}")
 
 
-def _check_value(file: Path, holds: bool, field: str, found: object, expected: str) -> None:
+def _check_value(file: Path, holds: bool, field: str, value: object, expected: str) -> None:
     if not holds:
-        raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
+        raise SceneError(f"{file}: {field}: found {value}, expected {expected}")
 
 
 def _check(settings: SceneToml, file: Path) -> None:

@@ -116,7 +116,9 @@ class Scene:
         return digest(
             {
                 "files": [canonical_xml(f) if f.suffix == ".xml" else sha256(f) for f in files],
-                "textures": {name: one.digest for name, one in self.settings.textures.items()},
+                "textures": {
+                    name: recipe.digest for name, recipe in self.settings.textures.items()
+                },
                 "bake": self.settings.bake,
                 "objects": self._hashed_objects(),
             }
@@ -173,8 +175,10 @@ class Scene:
             If a path cannot be read or does not cover the time from 0 to `duration_s`.
         """
         return tuple(
-            read_object(name, one.shapes, self.folder / one.trajectory, t_offset_us, duration_s)
-            for name, one in (self.settings.objects or {}).items()
+            read_object(
+                name, moving.shapes, self.folder / moving.trajectory, t_offset_us, duration_s
+            )
+            for name, moving in (self.settings.objects or {}).items()
         )
 
     def _hashed_objects(self) -> dict[str, ObjectSettings] | None:
@@ -182,8 +186,8 @@ class Scene:
         if self.settings.objects is None:
             return None
         return {
-            name: dataclasses.replace(one, trajectory=sha256(self.folder / one.trajectory))
-            for name, one in self.settings.objects.items()
+            name: dataclasses.replace(moving, trajectory=sha256(self.folder / moving.trajectory))
+            for name, moving in self.settings.objects.items()
         }
 
     @property

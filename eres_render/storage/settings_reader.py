@@ -37,14 +37,14 @@ def formerly(*names: str) -> dict[str, tuple[str, ...]]:
     return {_OLD_NAMES: names}
 
 
-def differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+def differences(actual: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield fields that differ, such as "render.spp", and their values; None if missing."""
-    if isinstance(found, dict) and isinstance(expected, dict):
-        for key in {**expected, **found}:
+    if isinstance(actual, dict) and isinstance(expected, dict):
+        for key in {**expected, **actual}:
             inner = f"{name}.{key}" if name else key
-            yield from differences(found.get(key), expected.get(key), inner)
-    elif found != expected:
-        yield name, found, expected
+            yield from differences(actual.get(key), expected.get(key), inner)
+    elif actual != expected:
+        yield name, actual, expected
 
 
 def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
@@ -61,14 +61,14 @@ def _read(
     kind: type[T], file: Path, parse: Callable[[str], Any], name: str, error: type[ValueError]
 ) -> T:
     with reading(file, name, error):
-        found = parse(file.read_text(encoding="utf-8"))
-        check_nesting(found)
-        return read_typed(kind, found, file, error)
+        parsed = parse(file.read_text(encoding="utf-8"))
+        check_nesting(parsed)
+        return read_typed(kind, parsed, file, error)
 
 
-def check_nesting(found: Any) -> None:
+def check_nesting(parsed: Any) -> None:
     """Refuse a parsed value that is nested so deep that it could not be printed or compared."""
-    level, depth = [found], 0
+    level, depth = [parsed], 0
     while level := [
         inner
         for inside in level
@@ -81,7 +81,7 @@ def check_nesting(found: Any) -> None:
 
 
 def read_typed(
-    kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
+    kind: type[T], parsed: Any, file: Path, error: type[ValueError], field: str = ""
 ) -> T:
     """Convert a parsed value to a type, or raise `error`; a value that has the type stays as it is.
 
@@ -98,63 +98,63 @@ def read_typed(
         return error(f"{file}: {field + ': ' if field else ''}{what}")
 
     if kind is Any:
-        return typing.cast(T, found)
+        return typing.cast(T, parsed)
     if typing.get_origin(kind) is Annotated and kind != FloatOrInf:  # for the command line
-        return typing.cast(T, inner(typing.get_args(kind)[0], found, field))
+        return typing.cast(T, inner(typing.get_args(kind)[0], parsed, field))
     result: Any
     prefix = f"{field}." if field else ""
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
-        if found is None and types.NoneType in typing.get_args(kind):
+        if parsed is None and types.NoneType in typing.get_args(kind):
             return typing.cast(T, None)
-        kind = _member(kind, found, refuse)
-    if dataclasses.is_dataclass(kind) and isinstance(found, dict):
-        values = _fields(kind, found, file, error, prefix)
+        kind = _member(kind, parsed, refuse)
+    if dataclasses.is_dataclass(kind) and isinstance(parsed, dict):
+        values = _fields(kind, parsed, file, error, prefix)
         try:
             return kind(**values)
         except Exception as reason:  # numbers of a file may raise anything in a constructor
             raise refuse(str(reason)) from reason
     arguments = typing.get_args(kind)
-    if typing.get_origin(kind) is dict and isinstance(found, dict):
-        result = {k: inner(arguments[1], v, prefix + k) for k, v in found.items()}
-    elif typing.get_origin(kind) is tuple and isinstance(found, list):
-        if arguments[-1] is not Ellipsis and len(found) != len(arguments):
-            raise refuse(f"found {found!r}, expected {_name(kind)}")
-        result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(found))
-    elif typing.get_origin(kind) is typing.Literal and found in arguments:
-        result = found
-    elif kind is float and type(found) in (int, float) and math.isfinite(number(found)):
-        result = float(found)
-    elif kind == FloatOrInf and not math.isnan(value := number(found)):
+    if typing.get_origin(kind) is dict and isinstance(parsed, dict):
+        result = {k: inner(arguments[1], v, prefix + k) for k, v in parsed.items()}
+    elif typing.get_origin(kind) is tuple and isinstance(parsed, list):
+        if arguments[-1] is not Ellipsis and len(parsed) != len(arguments):
+            raise refuse(f"found {parsed!r}, expected {_name(kind)}")
+        result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(parsed))
+    elif typing.get_origin(kind) is typing.Literal and parsed in arguments:
+        result = parsed
+    elif kind is float and type(parsed) in (int, float) and math.isfinite(number(parsed)):
+        result = float(parsed)
+    elif kind == FloatOrInf and not math.isnan(value := number(parsed)):
         result = value
-    elif kind is not float and type(found) is kind:
-        result = found
+    elif kind is not float and type(parsed) is kind:
+        result = parsed
     else:
-        raise refuse(f"found {found!r}, expected {_name(kind)}")
+        raise refuse(f"found {parsed!r}, expected {_name(kind)}")
     return typing.cast(T, result)
 
 
 def check_known(
-    found: Collection[str],
+    words: Collection[str],
     known: Collection[str],
     file: Path,
     error: type[ValueError],
     prefix: str = "",
 ) -> None:
     """Raise `error` for the first unknown field, with `prefix` (its table and a dot) before it."""
-    for word in found:
+    for word in words:
         if word not in known:
             raise error(f"{file}: {prefix}{word}: unknown; {suggestion(word, known)}")
 
 
 def _fields(
-    kind: type, found: dict[str, Any], file: Path, error: type[ValueError], prefix: str
+    kind: type, table: dict[str, Any], file: Path, error: type[ValueError], prefix: str
 ) -> dict[str, Any]:
     """Return the values of a dataclass's fields from a table."""
     fields, kinds = dataclasses.fields(kind), typing.get_type_hints(kind, include_extras=True)
     named = {word: f for f in fields for word in (f.name, *f.metadata.get(_OLD_NAMES, ()))}
     values: dict[str, Any] = {}
-    check_known([word for word in found if word not in named], list(kinds), file, error, prefix)
-    for word, value in found.items():
+    check_known([word for word in table if word not in named], list(kinds), file, error, prefix)
+    for word, value in table.items():
         name = named[word].name
         if name in values:
             raise error(f"{file}: {prefix}{name}: found twice, once under an old name")
@@ -166,22 +166,22 @@ def _fields(
     return values
 
 
-def _member(union: Any, found: Any, refuse: Callable[[str], ValueError]) -> Any:
+def _member(union: Any, parsed: Any, refuse: Callable[[str], ValueError]) -> Any:
     """Return the member of a union that a value belongs to."""
     members = [member for member in typing.get_args(union) if member is not types.NoneType]
-    if len(members) == 1 or not isinstance(found, dict):
+    if len(members) == 1 or not isinstance(parsed, dict):
         return members[0]
     by_word = {typing.get_args(typing.get_type_hints(m)["kind"])[0]: m for m in members}
-    kind = found.get("kind")
+    kind = parsed.get("kind")
     if not isinstance(kind, str) or kind not in by_word:
         raise refuse(f"kind: found {kind!r}, expected one of {', '.join(by_word)}")
     return by_word[kind]
 
 
-def number(found: Any) -> float:
+def number(parsed: Any) -> float:
     """Return the number, which may be inf, or NaN if the value is not a number, or too large."""
     try:
-        return float(found) if type(found) in (int, float, str) else math.nan
+        return float(parsed) if type(parsed) in (int, float, str) else math.nan
     except (ValueError, OverflowError):
         return math.nan
 

@@ -228,8 +228,8 @@ random_start
         """
         names = [name for name in _ELECTRONICS if name not in BUS_KEYS or other.states("bus")]
         taken = {FIELDS[name]: getattr(other, FIELDS[name]) for name in names}
-        sources = {name: one for name, one in self.sources.items() if name not in names}
-        sources |= {name: one for name, one in other.sources.items() if name in names}
+        sources = {name: source for name, source in self.sources.items() if name not in names}
+        sources |= {name: source for name, source in other.sources.items() if name in names}
         return replace(self, **taken, sources=sources)
 
     def cutoff_at(self, lux: float) -> float:
@@ -329,7 +329,7 @@ random_start
                 "cutoff_follows_light: needs a cutoff or an illuminance, and has neither"
             )
         follows = self.cutoff_follows_light or self.photoreceptor == "v2e"
-        shared = {one.name for one in fields(SensorModel)} & {one.name for one in fields(self)}
+        shared = {each.name for each in fields(SensorModel)} & {each.name for each in fields(self)}
         values: dict[str, Any] = {name: getattr(self, name) for name in shared}
         return SensorModel(
             **values
@@ -407,7 +407,7 @@ random_start
         """Return the pixels in a light, or a function of white if that is unknown."""
         if white is not None:
             return self.model(lux=lux, cutoff_hz=cutoff_hz, white=white)
-        return lambda found: self.model(lux=lux, cutoff_hz=cutoff_hz, white=found)
+        return lambda measured: self.model(lux=lux, cutoff_hz=cutoff_hz, white=measured)
 
     def stream(
         self,
@@ -507,9 +507,9 @@ random_start
         parts.append(self._light_words(lux, cutoff_hz))
         parts.append(f"dark {100 * self.dark_share:.3g} % of white")
         noise = {"leak": self.leak_hz, "shot noise": self.shot_noise_hz}
-        said = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
+        rates = [f"{what} {hz:g} Hz" for what, hz in noise.items() if hz]
         unknown = [what for what in noise if not self.states(what.replace(" ", "_"))]
-        parts.append(", ".join(said) or "no noise")
+        parts.append(", ".join(rates) or "no noise")
         if unknown and self.name:
             parts[-1] += f" ({' and '.join(unknown)} unknown, 0)"
         for name in _ALSO_SAID:
@@ -540,18 +540,18 @@ random_start
         if self.cutoff_follows_light:
             text += "following the light of each pixel, "
         asked = lux if lux is not None else self.cutoff_hz if cutoff_hz is None else cutoff_hz
-        found = [one for one in _several(asked) if math.isfinite(one)]
-        ideal = "ideal pixels" if len(found) < len(_several(asked)) else ""
-        if not found:
+        finite = [value for value in _several(asked) if math.isfinite(value)]
+        ideal = "ideal pixels" if len(finite) < len(_several(asked)) else ""
+        if not finite:
             return ideal
         if lux is None:
-            return ", ".join(filter(None, (ideal, f"{text}cutoff {_listed(found)} Hz")))
-        text = f"{_listed(found)} lux: {text}cutoff {_listed(map(self.cutoff_at, found))} Hz"
+            return ", ".join(filter(None, (ideal, f"{text}cutoff {_listed(finite)} Hz")))
+        text = f"{_listed(finite)} lux: {text}cutoff {_listed(map(self.cutoff_at, finite))} Hz"
         text = "; ".join(filter(None, (ideal, text)))
         if not self.borrows_cutoff:
             return text
         ends = [
-            f"{_listed(map(replace(self, area_exponent=g).cutoff_at, found))} Hz at area^{g:g}"
+            f"{_listed(map(replace(self, area_exponent=g).cutoff_at, finite))} Hz at area^{g:g}"
             for g in (0.0, 1.0)
             if g != self.area_exponent
         ]
@@ -575,7 +575,7 @@ def _listed(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
 
 
-_DEFAULTS = {one.name: one.default for one in fields(EventCamera)}
+_DEFAULTS = {each.name: each.default for each in fields(EventCamera)}
 
 
 def checked(name: str, key: Key, value: Any) -> Any:

@@ -158,8 +158,8 @@ def camera_of(
             continue
         if not isinstance(other, str):
             raise refusal(word, other, "the name or the file of a camera")
-        found = find_camera(Path(folder or "") / other if other.endswith(".toml") else other)
-        camera = found if word == "base" else camera.with_electronics(found)
+        named = find_camera(Path(folder or "") / other if other.endswith(".toml") else other)
+        camera = named if word == "base" else camera.with_electronics(named)
     if "width" in values and "height" not in values:
         values["height"] = values["width"]
     return _changed(camera, values, name or camera.name)
@@ -192,9 +192,9 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
         return checked(name, key, facts), None
     if not isinstance(facts, dict):
         return _value(name, key, facts, None), Source("", "given")
-    for one in facts:
-        if one not in _FACTS:
-            raise SensorError(f"{name}.{one}: unknown; choose from: {', '.join(_FACTS)}")
+    for fact in facts:
+        if fact not in _FACTS:
+            raise SensorError(f"{name}.{fact}: unknown; choose from: {', '.join(_FACTS)}")
     source = facts.get("source")
     if not isinstance(source, str) or not source:
         raise refusal(f"{name}.source", source, "a string that says where the value comes from")
@@ -207,7 +207,7 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
     if interval is not None:
         if key.kind != "number" or not (isinstance(interval, list) and len(interval) == 2):
             raise refusal(f"{name}.interval", interval, "two numbers, for a numeric key")
-        low, high = (_number(f"{name}.interval", key, one, unit) for one in interval)
+        low, high = (_number(f"{name}.interval", key, end, unit) for end in interval)
         if not 0 <= low <= high:
             raise refusal(f"{name}.interval", interval, "the lower end first")
         ends = low, high
@@ -235,10 +235,10 @@ def _bus_hz(name: str) -> float:
     if name not in camera_names():
         advice = suggestion(name, camera_names(), f"a number of Mev/s, {UNLIMITED!r}, or ")
         raise SensorError(f"bus: found {name!r}; {advice}")
-    found = find_camera(name).bus_hz
-    if math.isinf(found):
+    bus_hz = find_camera(name).bus_hz
+    if math.isinf(bus_hz):
         raise SensorError(f"bus: the capacity of the bus of {name!r} is unknown; give it in Mev/s")
-    return found
+    return bus_hz
 
 
 def _number(name: str, key: Key, value: Any, unit: Any) -> float:
@@ -295,10 +295,10 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
             facts = {"value": value, **facts, "kind": source.kind}
         if ends:
             facts["interval"] = ends
-        inner = ", ".join(f"{one} = {_text(fact)}" for one, fact in facts.items() if fact != "")
+        inner = ", ".join(f"{word} = {_text(fact)}" for word, fact in facts.items() if fact != "")
         lines.append(f"{name} = {{ {inner} }}")
-    with new_file(Path(file), overwrite=overwrite) as made:
-        made.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with new_file(Path(file), overwrite=overwrite) as new:
+        new.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def values_of(camera: EventCamera) -> dict[str, Any]:
@@ -320,7 +320,7 @@ def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, 
     if key.kind != "number":
         return value, unit, []
     if value is not None:
-        unit = next(one for one, up in key.units.items() if up(value / up(1.0)) == value)
+        unit = next(name for name, up in key.units.items() if up(value / up(1.0)) == value)
         value /= key.units[unit](1.0)
     return value, unit, [end / key.units[unit](1.0) for end in interval]
 

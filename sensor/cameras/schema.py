@@ -39,10 +39,13 @@ def _property(name: str, key: Key) -> dict[str, Any]:
         return {"description": described, **_value(key, 1.0)}
     bare, in_table = _value(key, scale(1.0)), _value(key, None)
     if name == "bus":
-        buses = [UNLIMITED, *(one for one in camera_names() if find_camera(one).bus_hz < math.inf)]
-        bare, in_table = ({"anyOf": [one, {"enum": buses}]} for one in (bare, in_table))
+        buses = [
+            UNLIMITED,
+            *(camera for camera in camera_names() if find_camera(camera).bus_hz < math.inf),
+        ]
+        bare, in_table = ({"anyOf": [schema, {"enum": buses}]} for schema in (bare, in_table))
     facts = {"value": in_table}
-    facts |= {one: {"$ref": f"#/$defs/{one}"} for one in ("source", "kind")}
+    facts |= {fact: {"$ref": f"#/$defs/{fact}"} for fact in ("source", "kind")}
     if key.kind in ("number", "integer"):
         facts["unit"] = {"enum": [*key.units]}
     table: dict[str, Any] = {"type": "object", "additionalProperties": False, "properties": facts}
@@ -60,14 +63,14 @@ def _value(key: Key, scale: float | None) -> dict[str, Any]:
         return {"enum": [*key.words]}
     if key.kind in ("text", "flag"):
         return {"type": "string" if key.kind == "text" else "boolean"}
-    found: dict[str, Any] = {"type": key.kind}
+    schema: dict[str, Any] = {"type": key.kind}
     if scale is None:
-        return found | {"minimum": 0}
+        return schema | {"minimum": 0}
     number = int if key.kind == "integer" else float
     if key.least == math.ulp(0.0):
-        found["exclusiveMinimum"] = 0
+        schema["exclusiveMinimum"] = 0
     else:
-        found["minimum"] = number(key.least / scale)
+        schema["minimum"] = number(key.least / scale)
     if key.most < math.inf:
-        found["maximum"] = number(key.most / scale)
-    return found
+        schema["maximum"] = number(key.most / scale)
+    return schema

@@ -266,22 +266,22 @@ shot_noise_hz, refractory_s, seed
         """
         self._frames += 1
         try:
-            seen = frame if isinstance(frame, V2eFrame) else V2eFrame.of(frame)
-            if self._memory is not None and self._memory.shape != seen.logs.shape:
+            given = frame if isinstance(frame, V2eFrame) else V2eFrame.of(frame)
+            if self._memory is not None and self._memory.shape != given.logs.shape:
                 was = self._memory.shape
-                raise SensorError(f"found shape {seen.logs.shape}, expected {was} as before")
+                raise SensorError(f"found shape {given.logs.shape}, expected {was} as before")
         except SensorError as error:
             raise SensorError(f"frame {self._frames - 1}: {error}") from None
-        height, width = seen.light.shape
-        logs = seen.logs.astype(np.float32) if self._version == "C" else seen.logs
+        height, width = given.light.shape
+        logs = given.logs.astype(np.float32) if self._version == "C" else given.logs
         if self._memory is None:
             self._start(logs)
-            made = Columns.room(0)
+            columns = Columns.room(0)
             self._previous_s = 0.0 if self._version == "C" else t_s
         else:
-            made = self._between(seen.light, logs, t_s, self._memory)
+            columns = self._between(given.light, logs, t_s, self._memory)
             self._previous_s = t_s
-        return Events(*made, width=width, height=height)
+        return Events(*columns, width=width, height=height)
 
     def warn_if_clamped(self) -> bool:
         """Warn if each step of the filter so far was clamped, which leaves no filter.
@@ -337,12 +337,12 @@ shot_noise_hz, refractory_s, seed
         slots_us = np.rint(1e6 * slots_s.astype(np.float64)).astype(np.int64)
         acts = self._refractory_s > interval_s / most
         dead_s = np.float32(self._refractory_s if acts else 0.0)
-        made = Columns.room(int(np.abs(counts).sum()) + int(np.count_nonzero(noise)))
+        columns = Columns.room(int(np.abs(counts).sum()) + int(np.count_nonzero(noise)))
         size = _emit(
             level, memory, *self._steps, counts, noise, slots_s, slots_us, dead_s, self._fired_s,
-            made,
+            columns,
         )  # fmt: skip
-        return made.part(slice(size))
+        return columns.part(slice(size))
 
     def _shot_noise(self, light: NDArray[np.float64], interval_s: float) -> NDArray[np.int8]:
         """Return the polarity of the noise event of each pixel, 0 for none."""
@@ -428,7 +428,7 @@ def _emit(
     events: Columns,  # overwritten
 ) -> int:
     height, width = counts.shape
-    made = 0
+    written = 0
     busy = np.flatnonzero(counts.ravel())
     told = np.zeros(busy.size, on_step.dtype)  # so that products are of this type
     for slot in range(slots_s.size):
@@ -440,9 +440,9 @@ def _emit(
                 continue
             fired_s[y, x] = slots_s[slot] if dead_s > 0 else fired_s[y, x]
             told[k] += 1
-            events.t_us[made], events.x[made], events.y[made] = slots_us[slot], x, y
-            events.p[made] = 1 if counts[y, x] > 0 else -1
-            made += 1
+            events.t_us[written], events.x[written], events.y[written] = slots_us[slot], x, y
+            events.p[written] = 1 if counts[y, x] > 0 else -1
+            written += 1
     for k in range(busy.size):
         y, x = busy[k] // width, busy[k] % width
         if counts[y, x] > 0:
@@ -452,8 +452,8 @@ def _emit(
     for y in range(height):
         for x in range(width):
             if noise[y, x]:
-                events.t_us[made], events.x[made], events.y[made] = slots_us[-1], x, y
-                events.p[made] = noise[y, x]
+                events.t_us[written], events.x[written], events.y[written] = slots_us[-1], x, y
+                events.p[written] = noise[y, x]
                 memory[y, x] = level[y, x]
-                made += 1
-    return made
+                written += 1
+    return written

@@ -279,12 +279,11 @@ def line_up(view: View, cameras: Iterable[EventCamera]) -> list[Sensor]:
         Two have the same width.
     """
     ordered = sorted(cameras, key=lambda camera: camera.size)
-    for one, other in pairwise(ordered):
-        if one.width == other.width:
-            raise TaskError(
-                f"{one.name} and {other.name} both have {one.width} px; compare different widths"
-            )
-    return [_sensor(view, one, view.cutoffs_hz(one)) for one in ordered]
+    for camera, other in pairwise(ordered):
+        if camera.width == other.width:
+            names = f"{camera.name} and {other.name}"
+            raise TaskError(f"{names} both have {camera.width} px; compare different widths")
+    return [_sensor(view, camera, view.cutoffs_hz(camera)) for camera in ordered]
 
 
 def _sensor(view: View, camera: EventCamera, cutoffs_hz: Sequence[float]) -> Sensor:
@@ -292,10 +291,10 @@ def _sensor(view: View, camera: EventCamera, cutoffs_hz: Sequence[float]) -> Sen
     speed_px_s = view.speed_px_s(width)
     poles = 2 if camera.photoreceptor == "two_pole" else 1
     lags_px = tuple(lag_px(speed_px_s, cutoff_hz, poles) for cutoff_hz in cutoffs_hz)
-    events = [one for lag in {*lags_px} for one in _events_per_px(width, lag)]
-    rates = [width * height * speed_px_s * one for one in events]
+    events = [count for lag in {*lags_px} for count in _events_per_px(width, lag)]
+    rates = [width * height * speed_px_s * count for count in events]
     cases = stored_cases() if poles == 2 else ()
-    near = [one for one in cases if 1 / _NEAR < one.lag_px / lags_px[0] < _NEAR]
+    near = [case for case in cases if 1 / _NEAR < case.lag_px / lags_px[0] < _NEAR]
     return Sensor(
         name=camera.name,
         width=width,
@@ -322,9 +321,9 @@ def _events_per_px(width: int, lag: float) -> Iterator[float]:
     for window in stored_windows():
         k = min(range(len(window.widths)), key=lambda k: abs(math.log(window.widths[k] / width)))
         scenes[window.scene].append((window.lag_px(window.widths[k]), window.events_per_px[k]))
-    for found in scenes.values():
-        if max(found)[0] > lag / _NEAR:
-            nearest = sorted(found, key=lambda one: abs(one[0] - lag))[:_FEW]
+    for pairs in scenes.values():
+        if max(pairs)[0] > lag / _NEAR:
+            nearest = sorted(pairs, key=lambda pair: abs(pair[0] - lag))[:_FEW]
             yield median(events for _, events in nearest)
 
 
@@ -383,7 +382,7 @@ def advise(view: View, sensors: Sequence[Sensor]) -> Advice:
         choices.append(Choice(exponent, sensors[best[k]].name, delay, view.speed * delay))
     steps = sensors[max(best[0], 1) : best[0] + 2]
     by_law = not view.image and not unlike[0]
-    right = [one.right for one in steps if one.right is not None and by_law]
+    right = [step.right for step in steps if step.right is not None and by_law]
     last = min(best[0] + 1, len(sensors) - 1)
     return Advice(
         sensors=tuple(sensors),

@@ -176,18 +176,18 @@ class MovingImage:
         for angle, bins, change in self._motions:
             path = self._path_px * width / self._width
             rounding = threshold**2 / 12 * _mean_square(image, path, angle, threshold)
-            all_change, own, seen, passed = (
+            all_change, own, boxed, passed = (
                 np.bincount(bins, weights.ravel())
                 for weights in (change, change * whole, self._power * box, change * crossed)
             )
-            w = 2j * np.pi / _BINS_PX * np.arange(len(seen))
+            w = 2j * np.pi / _BINS_PX * np.arange(len(boxed))
             for n, lag in enumerate(lags_px):
                 response = 1 / (1 + w * lag / poles) ** poles
-                response /= 1 + w * _memory_px(np.abs(response) ** 2 * seen, w.imag, rounding)
+                response /= 1 + w * _memory_px(np.abs(response) ** 2 * boxed, w.imag, rounding)
                 errors[n] += 2 * rounding * gain_x * gain_y + np.sum(
                     all_change - 2 * response.real * passed + np.abs(response) ** 2 * own
                 )
-        return [float(one) for one in -10 * np.log10(errors / len(self._motions))]
+        return [float(value) for value in -10 * np.log10(errors / len(self._motions))]
 
 
 def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) -> float:
@@ -195,7 +195,7 @@ def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) 
     stride = max(1, image.shape[1] // _SAMPLES)
     rows, columns = (np.arange(0, side, stride) for side in image.shape)
     log_light = np.log(image + DARK_SHARE)
-    y, x = (one.ravel() for one in np.meshgrid(rows, columns, indexing="ij"))
+    y, x = (grid.ravel() for grid in np.meshgrid(rows, columns, indexing="ij"))
     high = low = log_light[y, x]
     silent = np.arange(len(y))  # so far
     path_px = min(path_px, math.hypot(*image.shape))  # then the image has passed
@@ -209,7 +209,7 @@ def _mean_square(image: Floats, path_px: float, angle: float, threshold: float) 
         passed = log_light[from_y, from_x]
         high, low = np.maximum(high, passed), np.minimum(low, passed)
         left = high - low < threshold
-        y, x, high, low, silent = (one[left] for one in (y, x, high, low, silent))
+        y, x, high, low, silent = (values[left] for values in (y, x, high, low, silent))
     squares = image[np.ix_(rows, columns)] ** 2
     squares.flat[silent] = 0
     return float(np.mean(squares))
@@ -240,7 +240,7 @@ def _enlarged(fine: int, coarse: int, k: Floats) -> tuple[Floats, Floats, Floats
     response = waves @ weights.ravel() / len(place)
     products = [np.sum(weights[: 4 - n] * weights[n:]) / len(place) for n in range(4)]
     power = products[0] + 2 * sum(
-        one * np.cos(2 * np.pi * n * pitch * k) for n, one in enumerate(products) if n
+        product * np.cos(2 * np.pi * n * pitch * k) for n, product in enumerate(products) if n
     )
     return box, response, power, float(products[0])
 

@@ -121,10 +121,10 @@ def advise(
         window=WINDOW_S if window is None else window,
     )
     if len(cameras) > 1:
-        found = line_up(view, cameras)
+        sensors = line_up(view, cameras)
     else:
-        found = ladder(view, chip, widths or [*(w for w in WIDTHS if w < full), full])
-    advice = advise_of(view, found)
+        sensors = ladder(view, chip, widths or [*(w for w in WIDTHS if w < full), full])
+    advice = advise_of(view, sensors)
     if as_json:
         terminal.show_json(advice)
         return
@@ -132,9 +132,9 @@ def advise(
     table = terminal.Table("sensor", "px/s", "Hz", "lag, px", *rule, "Mev/s", "bus")
     for each in advice.sensors:
         table.add_row(*_cells(each))
-    seen = f", {image.name}" if image else ""
+    picture = f", {image.name}" if image else ""
     where = "" if direction is None else f" along {direction:g} degrees"
-    terminal.say(f"{speed:g} m/s at {distance:g} m, {view.fov:.3g} degrees{seen}{where}")
+    terminal.say(f"{speed:g} m/s at {distance:g} m, {view.fov:.3g} degrees{picture}{where}")
     terminal.show(table)
     terminal.say("", *_words(advice), f"{_HEAD} {_BY_IMAGE if image else _BY_LAW}")
 
@@ -143,7 +143,7 @@ def _cells(sensor: Sensor) -> Iterator[str]:
     """Yield the cells of a sensor."""
     rates, bus = "-", "-"
     if sensor.events_hz is not None:
-        rates = " to ".join(_short(1e-6 * one, 2) for one in sensor.events_hz)
+        rates = " to ".join(_short(1e-6 * rate, 2) for rate in sensor.events_hz)
         if sensor.bus_hz < math.inf:
             bus = f"{100 * sensor.events_hz[1] / sensor.bus_hz:.0f} %"
     yield sensor.name
@@ -151,7 +151,7 @@ def _cells(sensor: Sensor) -> Iterator[str]:
     yield ", ".join(dict.fromkeys(map(_short, sensor.cutoffs_hz)))
     yield ", ".join(dict.fromkeys(f"{lag:.2f}" for lag in sensor.lags_px))
     if sensor.predicted_db:
-        yield ", ".join(f"{one:.2f}" for one in sensor.predicted_db)
+        yield ", ".join(f"{value:.2f}" for value in sensor.predicted_db)
     else:
         won = sensor.finer_won
         yield "-" if won is None else f"{100 * won:.0f} % of {sensor.cases}"
@@ -180,9 +180,9 @@ def _words(advice: Advice) -> Iterator[str]:
             second, name = max(rest)
             share += f", which predicts {predicted[index] - second:+.2f} dB over {name}"
     yield f"choose {first.sensor}: {share}"
-    for one in others:
-        if one.sensor != first.sensor:
-            yield f"or {one.sensor}, if the cutoff is proportional to the area of a pixel"
+    for other in others:
+        if other.sensor != first.sensor:
+            yield f"or {other.sensor}, if the cutoff is proportional to the area of a pixel"
     for coarser, finer in pairwise(advice.sensors[max(index - 1, 0) : index + 2]):
         if predicted:
             is_near = abs(finer.predicted_db[0] - coarser.predicted_db[0]) < _NEAR_DB

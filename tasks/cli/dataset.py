@@ -166,8 +166,8 @@ def dataset(
         raise TaskError(f"{_OPTIONS.get(name, name)}{colon}{rest}") from error
     if dry_run:
         check_positive("count", scenes.count, TaskError)
-        made = sum(sequence_folder(out, number).is_dir() for number in range(scenes.count))
-        logging.getLogger(__name__).info(estimate(settings, scenes.count - made))
+        finished = sum(sequence_folder(out, number).is_dir() for number in range(scenes.count))
+        logging.getLogger(__name__).info(estimate(settings, scenes.count - finished))
         return
     with terminal.progress() as on_progress:
         folders = make_dataset(settings, out.resolve(), scenes.count, scenes.scheduler, on_progress)
@@ -179,10 +179,10 @@ def _dataset_of(study: str, out: Path, seconds: float, truth: float, dry_run: bo
     from tasks.study.study_file import preset, preset_names, read_study
 
     asked = preset(study) if study in preset_names() else read_study(study)
-    made = StudyDataset(asked, seconds, truth)
+    of_study = StudyDataset(asked, seconds, truth)
     if dry_run:
-        logging.getLogger(__name__).info(made.estimate(out))
+        logging.getLogger(__name__).info(of_study.estimate(out))
         return
     with terminal.progress() as on_progress:
-        files = made.make(out, on_progress)
+        files = of_study.make(out, on_progress)
     terminal.say(f"{out}: {len(files)} files of events")

@@ -66,8 +66,8 @@ class View:
         given = [f"--{name}" for name in names if getattr(self, name) is not None]
         if given not in ([], ["--resolution"], ["--width", "--height"], ["--camera"]):
             known = "--resolution, or --width and --height, or --camera"
-            found = f"found {' and '.join(given)}, expected {known}"
-            raise eres_render.RenderError(f"size of the frames: {found}")
+            text = f"found {' and '.join(given)}, expected {known}"
+            raise eres_render.RenderError(f"size of the frames: {text}")
         if self.camera is not None:
             from eres_render.calibration import read_camera
 

@@ -125,7 +125,9 @@ class EventDataset:
         self.transform = transform
         if window_us is None and window_events is None:
             _check_present(self.recordings, "flow", "give window_us or window_events")
-        self._ends = list(accumulate(len(self._edges(one)) - 1 for one in self.recordings))
+        self._ends = list(
+            accumulate(len(self._edges(recording)) - 1 for recording in self.recordings)
+        )
         if self._ends[-1] == 0:
             raise TaskError(f"{folder}: every recording is shorter than a window")
 

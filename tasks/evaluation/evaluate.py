@@ -192,13 +192,19 @@ def _collect(
         pixels.setdefault(replace(sensor.setting, name="", readout=None), []).append(sensor)
     exact = [setting for setting in pixels if setting.emulation is None]
     programs = {
-        EmulatedPixels(one, sequence): on for one, on in pixels.items() if one.emulation is not None
+        EmulatedPixels(setting, sequence): on
+        for setting, on in pixels.items()
+        if setting.emulation is not None
     }
 
     def emulate(k: int, frame: NDArray[np.float32]) -> None:
         """Show a frame to the programs that see it."""
         light = cache(partial(seen, frame))  # for all that see the same
-        tasks = [(one, light(*one.optics), on) for one, on in programs.items() if one.sees[k]]
+        tasks = [
+            (program, light(*program.optics), on)
+            for program, on in programs.items()
+            if program.sees[k]
+        ]
         # As a list, so that an error of a sensor is raised.
         list(workers.map(lambda task: _push(task[0].push(k, task[1]), task[2]), tasks))
 
@@ -209,9 +215,9 @@ def _collect(
             emulate(k, frame)
             yield frame
             on_progress("simulating", k + 1, len(sequence))
-        any(one.pixels.warn_if_clamped() for one in programs)
+        any(program.pixels.warn_if_clamped() for program in programs)
 
-    after = np.searchsorted(sequence.t_s, [one.t_start_s for one in exact], side="right")
+    after = np.searchsorted(sequence.t_s, [sensor.t_start_s for sensor in exact], side="right")
     source, count = iter(sequence), len(sequence)
     # Rendering and simulating use all cores, but not all of the time: together they leave few idle.
     whole = read_ahead(lambda k: next(source), range(count), threads=1, most=FRAMES_AHEAD)

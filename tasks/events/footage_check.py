@@ -40,7 +40,7 @@ class FootageCheck:
     def __init__(
         self,
         footage: Footage,
-        seen: tuple[slice, slice],
+        part: tuple[slice, slice],
         model: SensorModel,
         speed: float,
         *,
@@ -48,7 +48,7 @@ class FootageCheck:
     ) -> None:
         dark = model.dark_level or DARK_SHARE * footage.white_level
         self._model = replace(model, dark_level=dark, random_start=True)
-        self._footage, self._seen, self._between = footage, seen, with_between
+        self._footage, self._seen, self._between = footage, part, with_between
         self._t_s = footage.t_s / speed
         last = len(footage) - 2
         count = min(_PLACES, max(1, _PIXELS // (footage.width * footage.height)))
@@ -63,15 +63,15 @@ class FootageCheck:
 
         def frames() -> Iterator[Float32]:
             needed = {k + shift for k in self._places for shift in (-_EARLIER, -1, 0, 1)}
-            kept: dict[int, Float32] = {}
+            recent: dict[int, Float32] = {}
             for k, frame in enumerate(self._footage):
                 if k in needed:
-                    kept[k] = frame[self._seen]
+                    recent[k] = frame[self._seen]
                 if k - 1 in self._places:
-                    self._find_still(k - 1, kept)
+                    self._find_still(k - 1, recent)
                     if not self._between:
-                        self._find_lost(k - 1, kept)
-                kept.pop(k - 1 - _EARLIER, None)
+                        self._find_lost(k - 1, recent)
+                recent.pop(k - 1 - _EARLIER, None)
                 yield frame
 
         return replace(self._footage, frames=frames)
@@ -110,39 +110,39 @@ class FootageCheck:
                 max(1, self._model.width // 2),
             )
 
-    def _find_still(self, k: int, kept: dict[int, Float32]) -> None:
+    def _find_still(self, k: int, recent: dict[int, Float32]) -> None:
         """Find the pixels where nothing moves between two frames, and the camera's noise there."""
         model = self._model
         self._still[k] = still = np.zeros((model.height, model.width), bool)
         if k < _EARLIER:
             return
         light = [
-            integrate(kept[one], model.height, model.width).astype(np.float32)
-            for one in (k - _EARLIER, k, k + 1)
+            integrate(recent[index], model.height, model.width).astype(np.float32)
+            for index in (k - _EARLIER, k, k + 1)
         ]
         dark = np.float32(model.dark_level)
-        earlier, before, after = (np.log(one + dark) for one in light)
+        earlier, before, after = (np.log(frame + dark) for frame in light)
         change = after - before
         size, drift = _tile_means(change**2), _tile_means((after - earlier) ** 2)
         alike = sum(_tile_means(change * np.roll(change, 1, axis)) for axis in (0, 1)) / 2
-        found = (alike < _ALIKE * size) & (drift < _DRIFTING * size)
-        if found.sum() <= _TELLING * found.size:
+        is_still = (alike < _ALIKE * size) & (drift < _DRIFTING * size)
+        if is_still.sum() <= _TELLING * is_still.size:
             return
-        images = [gray(one, self._footage.white_level) for one in light[1:]]
+        images = [gray(frame, self._footage.white_level) for frame in light[1:]]
         left = np.log(followed(light[2], *images) + dark) - before
-        found &= _tile_means(left**2) > _EXPLAINED * size
-        tiles = found.repeat(_TILE, 0).repeat(_TILE, 1)
+        is_still &= _tile_means(left**2) > _EXPLAINED * size
+        tiles = is_still.repeat(_TILE, 0).repeat(_TILE, 1)
         still[: len(tiles), : tiles.shape[1]] = tiles
         steady = simulate(np.stack([light[1]] * 2), self._t_s[k : k + 2], model)
         self._noise -= float(still[steady.y, steady.x].sum())
 
-    def _find_lost(self, k: int, kept: dict[int, Float32]) -> None:
+    def _find_lost(self, k: int, recent: dict[int, Float32]) -> None:
         """Count the events between two frames where things move, alone and with frames between.
 
         The interval before only brings the pixels into their usual state.
         """
         first = max(0, k - 1)
-        frames = [kept[one] for one in range(first, k + 2)]
+        frames = [recent[index] for index in range(first, k + 2)]
         height, width = frames[0].shape
         times_s = self._t_s[first : k + 2]
         alone = replace(

@@ -65,7 +65,7 @@ def simulate_footage(
     if interpolate not in (None, "auto", *map(str, range(1, _MAX_STEPS + 1))):
         expected = f"1 to {_MAX_STEPS}, or auto, which limits motion to half a pixel per frame"
         raise TaskError(f"interpolate: found {interpolate!r}, expected {expected}")
-    seen = seen_part(footage, footage.path, model)  # before the frames are measured
+    part = seen_part(footage, footage.path, model)  # before the frames are measured
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         footage.path,
@@ -83,7 +83,7 @@ def simulate_footage(
         from tasks.events.footage_check import FootageCheck
 
         between = interpolate is not None
-        check = FootageCheck(footage, seen, model, options.speed, with_between=between)
+        check = FootageCheck(footage, part, model, options.speed, with_between=between)
         frames = check.watched()
     else:
         _log.warning(
@@ -95,7 +95,7 @@ def simulate_footage(
         from tasks.footage.interpolation import displacements_px, interpolated, steps_for
 
         if interpolate == "auto":
-            sensor_px = model.width / (seen[1].stop - seen[1].start)
+            sensor_px = model.width / (part[1].stop - part[1].start)
             steps = steps_for(sensor_px * displacements_px(footage, on_progress))
         else:
             steps = [int(interpolate)] * (len(footage) - 1)

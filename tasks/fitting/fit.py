@@ -273,8 +273,8 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
         start_us, end_us = (int(events.t_us[0]) + round(1e6 * t_s) for t_s in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
             length = f"{1e-6 * int(events.t_us[-1] - events.t_us[0]):.6f} s"
-            found = f"--still: found an end of {evidence.still_s[1]:g} s"
-            raise TaskError(f"{found}, but the recording lasts only {length}")
+            problem = f"--still: found an end of {evidence.still_s[1]:g} s"
+            raise TaskError(f"{problem}, but the recording lasts only {length}")
         quiet = events.between(start_us, end_us)
         noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))
         result = replace(result, noise=noise)

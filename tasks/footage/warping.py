@@ -91,18 +91,18 @@ def find_later(flow, out):
         top, bottom = np.float32(-y), np.float32(height - 1 - y)
         for x in range(width):
             left, right = np.float32(-x), np.float32(width - 1 - x)
-            found = flow[y, x, 0], flow[y, x, 1]
+            motion = flow[y, x, 0], flow[y, x, 1]
             for _ in range(_ROUNDS):
-                dx, dy = _within(-found[0], left, right), _within(-found[1], top, bottom)
+                dx, dy = _within(-motion[0], left, right), _within(-motion[1], top, bottom)
                 columns, rows = np.floor(dx), np.floor(dy)
                 a, c = x + np.int64(columns), y + np.int64(rows)
                 b, d = min(a + 1, width - 1), min(c + 1, height - 1)
                 fractions = dx - columns, dy - rows
-                found = (
+                motion = (
                     _between(flow[c, a, 0], flow[c, b, 0], flow[d, a, 0], flow[d, b, 0], fractions),
                     _between(flow[c, a, 1], flow[c, b, 1], flow[d, a, 1], flow[d, b, 1], fractions),
                 )
-            out[y, x, 0], out[y, x, 1] = found
+            out[y, x, 0], out[y, x, 1] = motion
 
 
 @jit

@@ -55,10 +55,10 @@ def read_checkpoint(file: Path, left_out: Iterable[str] = ()) -> Any:
             with torch.serialization.safe_globals(empty):
                 return torch.load(file, map_location="cpu", weights_only=True)
         except pickle.UnpicklingError as error:
-            if not (found := re.findall(r"GLOBAL ([\w.]+)", str(error))):
+            if not (names := re.findall(r"GLOBAL ([\w.]+)", str(error))):
                 raise
             raise WeightsError(
-                f"{file}: found a pickle of {_listed(dict.fromkeys(found))}, which could run "
+                f"{file}: found a pickle of {_listed(dict.fromkeys(names))}, which could run "
                 "code, expected tensors and plain values. If you trust the file, load it with the "
                 "program that wrote it, and save only its weights and options"
             ) from None

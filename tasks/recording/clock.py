@@ -132,10 +132,10 @@ def on_one_clock(
     shift = estimate_shift(recording, frames)
     if shift is None:
         if shift_us is None:
-            found = "no shift of the frames between -20 and 20 ms fits the events best"
+            reason = "no shift of the frames between -20 and 20 ms fits the events best"
             if not inside(recording, frames, REACH_US):
-                found = "no two successive frames lie at least 20 ms inside the events"
-            raise TaskError(f"{recording.path}: {found}; give --frames-shift-us")
+                reason = "no two successive frames lie at least 20 ms inside the events"
+            raise TaskError(f"{recording.path}: {reason}; give --frames-shift-us")
         return frames
     after, before = (f"{100 * x:.0f} %" for x in (shift.unexplained, shift.unexplained_before))
     if shift_us is None:

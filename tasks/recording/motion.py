@@ -132,11 +132,11 @@ def fit_motion(
     (better,) = bootstrap((fits[1].costs - fits[2].costs)[:, None], lambda total: total)
     poles = 1 if better.high < 0 else 2
     decided = better.high < 0 or better.low > 0
-    found, other = fits[poles], _Fit(coarse, poles, start_us)
-    found.check("motion")
+    chosen, other = fits[poles], _Fit(coarse, poles, start_us)
+    chosen.check("motion")
     delay, pole, latency = (
-        one.widened(abs(theirs - one.value))
-        for one, theirs in zip(found.estimates(), other.answer(), strict=True)
+        estimate.widened(abs(theirs - estimate.value))
+        for estimate, theirs in zip(chosen.estimates(), other.answer(), strict=True)
     )
     apart = _PIXELS * pole.value
     pole, latency = pole.widened(apart), latency.widened(poles * apart)
@@ -159,7 +159,7 @@ def fit_motion(
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
         delay_s=delay,
-        cutoff_hz=Estimate(*(_corner_hz(one) for one in (pole.value, slowest, pole.low))),
+        cutoff_hz=Estimate(*(_corner_hz(seconds) for seconds in (pole.value, slowest, pole.low))),
         latency_s=latency,
         shift_us=start_us,
         unexplained=unexplained,
@@ -210,7 +210,7 @@ class _Fit:
 
     def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
         self._levels, self._poles = levels, poles
-        self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
+        self._on, self._off = (levels.within_blocks(values) for values in (levels.on, levels.off))
         most_us = levels.longest_delay_us
         start_us = min(max(start_us, _MIN_US), most_us)
         line = fit_line(levels, start_us)
@@ -297,7 +297,7 @@ class _Fit:
         upper = np.triu_indices(4)
         columns = [weight * J[:, i] * J[:, j] for i, j in zip(*upper, strict=True)]
         columns += [weight * J[:, i] * self._rest for i in range(4)]
-        of_units = [np.bincount(self._levels.unit, one) for one in columns]
+        of_units = [np.bincount(self._levels.unit, column) for column in columns]
         sums = np.stack(of_units, axis=1).astype(np.float64)
 
         def answer(total: Float64) -> Float64:
@@ -317,6 +317,6 @@ class _Fit:
             return self.answer(step.astype(np.float64))
 
         return [
-            Estimate(float(value), min(one.low, value), max(one.high, value))
-            for value, one in zip(self.answer(), bootstrap(sums, answer), strict=True)
+            Estimate(float(value), min(drawn.low, value), max(drawn.high, value))
+            for value, drawn in zip(self.answer(), bootstrap(sums, answer), strict=True)
         ]

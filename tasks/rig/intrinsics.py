@@ -165,8 +165,8 @@ def intrinsics(
         sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
             raise RigError(f"{path}: the recordings have different sensor sizes: {sorted(sizes)}")
-        found = (find_board(gray, board) for gray in board_images(path, size))
-        view_px = next((corners_px for corners_px in found if corners_px is not None), None)
+        boards = (find_board(gray, board) for gray in board_images(path, size))
+        view_px = next((corners_px for corners_px in boards if corners_px is not None), None)
         if view_px is not None:
             views_px[path] = view_px
         on_progress("looking for the board", k + 1, len(paths))

@@ -58,8 +58,8 @@ class RigRecording:
     def events_file(self) -> Path:
         """The file of events."""
         suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-        found = sorted(self.folder.glob("events.*"))
-        files = [file for file in found if file.suffix.lower() in suffixes]
+        named = sorted(self.folder.glob("events.*"))
+        files = [file for file in named if file.suffix.lower() in suffixes]
         if len(files) != 1:
             names = ", ".join(file.name for file in files) or "none"
             raise RigError(f"{self.folder}: expected one file events.*, found {names}")

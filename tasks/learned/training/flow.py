@@ -42,7 +42,9 @@ class Flow(Problem):
 
         Flows are (pairs, 2, S, S) px, from the start of a pair's second window to its end.
         """
-        grids = [voxel_grid(one, self.settings.bins, convention="eraft") for one in crop.events]
+        grids = [
+            voxel_grid(events, self.settings.bins, convention="eraft") for events in crop.events
+        ]
         flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
         return np.stack(grids), np.stack(flows)
 

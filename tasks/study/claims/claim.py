@@ -56,8 +56,8 @@ class Claim(ABC):
     ) -> Verdict:
         """Return the verdict that follows from outcomes; texts and intervals as in `Verdict`."""
         note = f"{self.note} {scope}".strip()
-        said = self.number, self.title, self.statement, status_of(outcomes), ours, paper, note
-        return Verdict(*said, likeness, intervals, self.why)
+        facts = self.number, self.title, self.statement, status_of(outcomes), ours, paper, note
+        return Verdict(*facts, likeness, intervals, self.why)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +121,9 @@ class SceneClaim(Claim):
         readings, lines = self._read(scores, series, scaling)
         outcomes = [reading.status for reading in readings.values()]
         if status_of(outcomes) is not unmeasured:
-            judged = [scene for scene, one in readings.items() if one.status is not unmeasured]
+            judged = [
+                scene for scene, reading in readings.items() if reading.status is not unmeasured
+            ]
             scope = f"{scope} {self._scope(scores, series, judged)}".strip()
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
@@ -154,14 +156,16 @@ class SceneClaim(Claim):
 
     def _readings(self, every: Sequence[SceneScores]) -> dict[str, NumberText]:
         """Read the numbers of all scenes, which fail together, and judge each scene by its own."""
-        readings, found = {}, {}
+        readings, numbers_of = {}, {}
         for on in every:
             try:
-                found[on.scene] = self._numbers(on)
+                numbers_of[on.scene] = self._numbers(on)
             except NotMeasured as reason:
                 readings[on.scene] = NumberText(str(reason), Status.NOT_MEASURED)
-        numbers = iter(corrected([number for of_scene in found.values() for number in of_scene]))
-        for scene, of_scene in found.items():
+        numbers = iter(
+            corrected([number for of_scene in numbers_of.values() for number in of_scene])
+        )
+        for scene, of_scene in numbers_of.items():
             readings[scene] = self._reading([*islice(numbers, len(of_scene))])
         return {on.scene: readings[on.scene] for on in every}
 

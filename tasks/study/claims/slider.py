@@ -63,8 +63,8 @@ class SliderClaim(Claim):
             if self.recorded or scene in PRINTS
         ]
         deciding = [on for on in every if on.series in (PHOTOMETRIC, tracking)]
-        found = {on.series.task for on in deciding}
-        missing = [task for task in (PHOTOMETRIC.task, TRACKING.task) if task not in found]
+        judged = {on.series.task for on in deciding}
+        missing = [task for task in (PHOTOMETRIC.task, TRACKING.task) if task not in judged]
         lights = sorted({hz for on in every for hz in scores.cutoffs_hz(on.series)}, reverse=True)
         outcomes: list[Status] = []
         lines: list[str] = []
@@ -72,7 +72,7 @@ class SliderClaim(Claim):
         for hz in lights if self.recorded else filter(math.isfinite, lights):
             ours, texts = self._compared(every, deciding, hz, hz)
             outcomes.append(status_of([o.status for o in ours] + [_UNMEASURED] * len(missing)))
-            intervals += sum(one.fails_at is not None for one in ours)
+            intervals += sum(number.fails_at is not None for number in ours)
             light = light_label(hz)
             if self.recorded:
                 light = "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
@@ -83,7 +83,7 @@ class SliderClaim(Claim):
             near_hz = min(lights, key=lambda other: abs(math.log(other / area_hz)))
             if abs(math.log(near_hz / area_hz)) < math.log(_NEAR):
                 ours, texts = self._compared(deciding, deciding, hz, near_hz)
-                status = status_of(one.status for one in ours)
+                status = status_of(number.status for number in ours)
                 cutoffs = f"{near_hz:.3g} Hz at {_MIDDLE} px (by area {area_hz:.3g} Hz)"
                 lines += [f"{light}, but {cutoffs}: {status}", *texts]
         if lines:
@@ -94,8 +94,8 @@ class SliderClaim(Claim):
         if self.recorded:
             names = [f"recordings of {join_words(names)}"] if names else []
         scope = scope_text([] if {*PRINTS} <= {*names} else names, few)
-        said = "\n".join(lines) or "no rows of the virtual slider", "\n".join(_paper_lines())
-        return self.verdict([status_of_any(outcomes)], *said, scope, intervals=intervals)
+        both = "\n".join(lines) or "no rows of the virtual slider", "\n".join(_paper_lines())
+        return self.verdict([status_of_any(outcomes)], *both, scope, intervals=intervals)
 
     def _compared(
         self, every: list[SceneScores], deciding: list[SceneScores], hz: float, middle_hz: float

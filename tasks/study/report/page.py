@@ -148,8 +148,10 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
         for series in filter(is_main, run.series)
     }
     if measured := {name: run.scaling[name] for name in run.scenes if name in run.scaling}:
-        slopes = {name: slope_plot(one) for name, one in measured.items()}
-        intervals = {name: interval_plot(one, run.base_speeds) for name, one in measured.items()}
+        slopes = {name: slope_plot(scaling) for name, scaling in measured.items()}
+        intervals = {
+            name: interval_plot(scaling, run.base_speeds) for name, scaling in measured.items()
+        }
         drawn |= zip(_SCALING, (slopes, intervals), strict=True)
     for name, plots in drawn.items():
         for kind, image in figure_files(plots).items():

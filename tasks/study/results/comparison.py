@@ -106,7 +106,9 @@ class ComparisonTable:
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.scores.asks_as_paper and threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {threshold:g}; "
-        notes = "".join(f"{one.head}: {one.meaning}; " for one in columns if one.meaning)
+        notes = "".join(
+            f"{column.head}: {column.meaning}; " for column in columns if column.meaning
+        )
         near = self.series.spec.metric.near
         return (
             f"{paper}bold: best of the column; underlined: the smallest within {near} of "

@@ -64,8 +64,8 @@ def _check_joined(
     """Refuse to join a run with another one that does not differ in weights, or in more."""
     decides_nothing = "name", "question", "jobs"
     every = differences(config, of_other)
-    differing = [one for one in every if one[0].partition(".")[0] not in decides_nothing]
-    others = [one for one in differing if not re.match(r"evaluate\.[^.]+\.weights\b", one[0])]
+    differing = [pair for pair in every if pair[0].partition(".")[0] not in decides_nothing]
+    others = [pair for pair in differing if not re.match(r"evaluate\.[^.]+\.weights\b", pair[0])]
     if config.get("jobs") == of_other.get("jobs") or len(others) == len(differing):
         raise ResultError(f"{file}: same weights as {other}; joined runs must differ in weights")
     for name, here, expected in others:

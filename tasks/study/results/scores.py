@@ -46,12 +46,14 @@ def by_photoreceptor(
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
     """
     groups = _divided(rows, lambda row: row.reading)
-    found = {}
+    by_reading = {}
     for name in sorted(groups, key=lambda name: name != "two_pole"):
         scores = partial(Scores, square=square, trainings=trainings, photoreceptor=name)
         thresholds = _divided(groups[name], lambda row: row.contrast_threshold)
-        found[name] = [scores(of_one, contrast_threshold=C) for C, of_one in thresholds.items()]
-    return found
+        by_reading[name] = [
+            scores(of_one, contrast_threshold=C) for C, of_one in thresholds.items()
+        ]
+    return by_reading
 
 
 def _divided(rows: Iterable[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -122,12 +124,12 @@ class Scores:
 
     def _expected_items(self, series: Series, scene: str) -> list[_Item]:
         """Return every item that a complete cell of a series has on a scene."""
-        found = {item for at in self.conditions(series, scene) for item in self._rows[series][at]}
+        items = {item for at in self.conditions(series, scene) for item in self._rows[series][at]}
         trainings = self._trainings
         return sorted(
             {
                 (seed, sample, item // trainings * trainings + training)
-                for seed, sample, item in found
+                for seed, sample, item in items
                 for training in range(trainings)
             }
         )

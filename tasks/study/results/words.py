@@ -96,7 +96,7 @@ def capitalized(text: str) -> str:
 
 def lost_text(dropped: Mapping[SensorId, float]) -> str:
     """List the share of events that each sensor's bus lost; of many, those with a loss alone."""
-    lost = {one: share for one, share in sorted(dropped.items()) if share >= 0.005}
+    lost = {sensor: share for sensor, share in sorted(dropped.items()) if share >= 0.005}
     listed = lost if len(dropped) > _MOST_LISTED else dict(sorted(dropped.items()))
     texts = [f"{sensor.label} {share_text(share)}" for sensor, share in listed.items()]
     if len(listed) < len(dropped):

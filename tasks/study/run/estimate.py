@@ -94,9 +94,9 @@ def estimate_job(job: Job) -> JobEstimate:
     frames_s, samples_s = render_s, 0.0
     # Sensors that differ in their name alone share their scores, and beside their bus their pixels.
     settings = job.settings(1.0)
-    for setting in dict.fromkeys(replace(one, name="", readout=None) for one in settings):
+    for setting in dict.fromkeys(replace(setting, name="", readout=None) for setting in settings):
         frames_s += 1e-9 * frames * setting.model.width * setting.model.height * _ns_per_px(setting)
-    for setting in dict.fromkeys(replace(one, name="") for one in settings):
+    for setting in dict.fromkeys(replace(setting, name="") for setting in settings):
         for task, of_task in job.evaluate.items():
             score_s = of_task.score_s(setting.model.width, setting.model.height)
             if TASKS[task].sample is None:  # events are pushed to its methods

@@ -63,9 +63,9 @@ class Highlights:
         render, speeds = queued.job.render, queued.job.simulate.speeds
         size = render.height_at(render.resolution), render.resolution
         pixels = {replace(s, name="", readout=None): s for s in reversed(settings)}
-        kept = [s for s in settings if s in {*pixels.values()}]
-        used = {(*_sensor_of(s), s.speed): s for s in reversed(kept)}.values()
-        settings = [s for s in kept if s in used]
+        shown = [s for s in settings if s in {*pixels.values()}]
+        used = {(*_sensor_of(s), s.speed): s for s in reversed(shown)}.values()
+        settings = [s for s in shown if s in used]
         self._films = {s: Film(s.model, *size) for s in settings if s.speed == speeds[0]}
         self._histograms = {
             s: interval_histogram(s.model, (s.start_us, s.end_us))

@@ -55,8 +55,8 @@ def slider_section(run: FinishedRun) -> dict[str, object] | None:
 
 def _measured(scores: Scores, series: Series) -> bool:
     places = {(name, width, v) for name in PRINTS for width in _WIDTHS for v in FACTORS.values()}
-    found = {(at.scene, at.width, at.speed) for at in scores.conditions(series) if not at.sensor}
-    return not places.isdisjoint(found)
+    measured = {(at.scene, at.width, at.speed) for at in scores.conditions(series) if not at.sensor}
+    return not places.isdisjoint(measured)
 
 
 def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
