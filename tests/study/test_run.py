@@ -277,6 +277,19 @@ def test_files_of_a_job_have_the_key_of_its_rows(scene_folder, tmp_path, monkeyp
 
 
 @pytest.mark.usefixtures("recalled")
+def test_an_older_run_is_continued(finished, scene_folder, tmp_path):
+    """Promise: rows of jobs are read, and kept, where earlier versions had them, in `parts`."""
+    run, study = tmp_path / "run", tiny_study(scene_folder)
+    shutil.copytree(finished[0], run)
+    (run / "jobs").rename(run / "parts")
+    removed = next((run / "parts").iterdir())
+    removed.unlink()
+    assert run_study(study, run) == finished[1]
+    assert removed.exists()
+    assert not (run / "jobs").exists()
+
+
+@pytest.mark.usefixtures("recalled")
 def test_two_processes_do_not_compute_one_run(finished, scene_folder, tmp_path):
     """Promise: the second one is refused, and reads what is finished; no lock stays behind."""
     run, study = tmp_path / "run", tiny_study(scene_folder)

@@ -42,7 +42,7 @@ class RunFolder:
             )
         self._folder, self._jobs, self._mix = folder, jobs, mix
         self._index = folder / "previews" / INDEX_NAME
-        self._rows_of = _rows_so_far(folder / "jobs", jobs)
+        self._rows_of = _rows_so_far(_rows_folder(folder), jobs)
         self._environment = _environment_so_far(folder)
         self._has_other_rows = False  # than the folder's rows.parquet
         self._first: dict[str, str] = {}  # job of each scene, which makes its highlights
@@ -83,7 +83,7 @@ class RunFolder:
             write_bytes(self._folder / name, data)
         self._environment = together([self._environment, computed.environment])
         self._write("environment.json", self._environment)
-        write_rows(self._folder / "jobs" / f"{queued.key}.parquet", computed.rows)
+        write_rows(_rows_folder(self._folder) / f"{queued.key}.parquet", computed.rows)
         self._rows_of[queued.key] = computed.rows
         self._has_other_rows = True
 
@@ -128,6 +128,11 @@ def _json(value: Any) -> bytes:
     return json.dumps(value, indent=1).encode()
 
 
+def _rows_folder(folder: Path) -> Path:
+    """Return the folder of the rows of each job, which older runs call `parts`."""
+    return folder / ("parts" if (folder / "parts").is_dir() else "jobs")
+
+
 def _rows_so_far(folder: Path, work: Mapping[str, Job]) -> dict[str, list[Row]]:
     """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
@@ -155,7 +160,7 @@ def _environment_so_far(folder: Path) -> dict[str, str]:
     """Return the environment of all jobs in the folder, those of other studies too, and the command
     that its rows are from."""
     file = folder / "environment.json"
-    if not file.exists() or not any((folder / "jobs").glob("*.parquet")):
+    if not file.exists() or not any(_rows_folder(folder).glob("*.parquet")):
         return {}
     try:
         return read_json(dict[str, str], file, ResultError)
