@@ -74,7 +74,12 @@ def stored_windows() -> tuple[Window, ...]:
     """Return the windows of the table in this package."""
     return tuple(
         Window(
-            *(part["run"], scene, sample, float(cutoff), speed, px_s),
+            part["run"],
+            scene,
+            sample,
+            float(cutoff),
+            speed,
+            px_s,
             *map(tuple, (part["widths"], psnr_db, events)),
         )
         for part in json.loads(files("tasks.advice").joinpath(TABLE).read_text())

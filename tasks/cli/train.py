@@ -117,7 +117,7 @@ def _train(settings: Any, options: TrainingOptions) -> None:
         )
     if options.dry_run:
         return
-    table = terminal.Table("held-out crops", *("network", *problem.baselines), title=problem.score)
+    table = terminal.Table("held-out crops", "network", *problem.baselines, title=problem.score)
     for name, values in scores.items():
         table.add_row(name, *(f"{value:.2f}" for value in values))
     terminal.show(table)

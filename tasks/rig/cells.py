@@ -62,7 +62,9 @@ def in_cells(recordings: Sequence[Sequence[Row]], per_visit: Mapping[str, int]) 
         if lacks:
             _log.warning(
                 "%s: cutoff %g Hz, threshold %g: has crops %s wide, but none %s wide",
-                *(*light, _named(has), _named(lacks)),
+                *light,
+                _named(has),
+                _named(lacks),
             )
     grouped: list[Row] = []
     for (light, task), cells in groups.items():

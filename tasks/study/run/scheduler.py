@@ -123,7 +123,9 @@ class Cluster:
         # The longest first, so that none is last; idle workers take what arrives.
         queued_of: dict[Future, QueuedJob] = {
             self._client.submit(
-                *(_entry(), pickle.dumps(queued), _versions()),
+                _entry(),
+                pickle.dumps(queued),
+                _versions(),
                 key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
                 priority=lengths_s[queued.key],
                 retries=_RETRIES,

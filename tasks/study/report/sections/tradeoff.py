@@ -33,7 +33,10 @@ def score_plot(
     better = ", less is better" if errors else ""
     axes = "event rate [Mev/s]", f"{metric.label} [{metric.unit}]{better}"
     return plot(
-        *(title, *axes, keys, panels),
+        title,
+        *axes,
+        keys,
+        panels,
         log_y=errors,
         labels_below=errors,  # as errors rise with speed
         limit=Limit(run.bus_hz / 1e6, f"bus {run.bus_hz / 1e6:g} Mev/s"),
