@@ -28,7 +28,7 @@ from tasks.errors import StudyError
 from tasks.evaluation.rendered_clip import farther
 from tasks.row import Row
 from tasks.study.claims.judge import judge_all
-from tasks.study.claims.slider import ON_THE_SLIDER
+from tasks.study.claims.slider import ON_RECORDINGS, ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
 from tasks.study.config import Render, Simulate, Study, Tracking, preset, to_json
 from tasks.study.results.slider import (
@@ -260,6 +260,14 @@ def test_a_cutoff_by_area_compares_two_lights():
     assert found.status is Status.DOES_NOT_HOLD
     by_area = [line for line in found.ours.splitlines() if "by area" in line]
     assert by_area == ["17 lux, but 201 Hz at 649 px (by area 171 Hz): holds"]
+
+
+def test_recordings_with_known_and_with_unknown_cutoffs_are_judged_together():
+    """Promise: each light has a line, and an unknown cutoff is not compared with others by area."""
+    (judged,) = judge_all(slider_rows(), {}, [ON_RECORDINGS])
+    assert judged.status is Status.HOLDS
+    lights = [line for line in judged.ours.splitlines() if line.startswith("cutoff")]
+    assert lights == ["cutoff unknown: holds", "cutoff 900 Hz: holds", "cutoff 51 Hz: holds"]
 
 
 def test_claim_22_is_not_measured_elsewhere():
