@@ -27,7 +27,7 @@ _NUMBER = 0, FINITE, "a finite number, 0 or more"
 _RATE = 0, MAX_RATE_HZ, f"a rate from 0 to {MAX_RATE_HZ:g} Hz, one event per microsecond"
 _LOG_UNITS = f"a number from {MIN_THRESHOLD:g} to {MAX_THRESHOLD:g} (log units; 0.2 is usual)"
 _THRESHOLD = MIN_THRESHOLD, MAX_THRESHOLD, _LOG_UNITS
-_BOUNDS: dict[str, tuple[float, float, str]] = {
+BOUNDS: dict[str, tuple[float, float, str]] = {
     "width": _SIDE,
     "height": _SIDE,
     "contrast_threshold": _THRESHOLD,
@@ -46,7 +46,7 @@ _BOUNDS: dict[str, tuple[float, float, str]] = {
     "latency_s": (0, 1000, "seconds from 0 to 1000"),
 }
 _OPTIONAL = "contrast_threshold_off", "dark_level", "cutoff_reference"
-_EXPECTED = {name: expected for name, (_, _, expected) in _BOUNDS.items()} | {
+_EXPECTED = {name: expected for name, (_, _, expected) in BOUNDS.items()} | {
     "photoreceptor": " or ".join(map(repr, PHOTORECEPTORS)),
     "shot_noise_hz": "0, since dark_level is 0 and the rate is relative to the dark level",
     "random_start": "True or False",
@@ -180,7 +180,7 @@ class SensorModel:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, (low, high, expected) in _BOUNDS.items():
+        for name, (low, high, expected) in BOUNDS.items():
             value = getattr(self, name)
             if value is not None or name not in _OPTIONAL:
                 check = whole if name in ("width", "height") else real

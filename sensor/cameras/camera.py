@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
-from sensor.cameras.fields import FIELDS, KEYS, Key
+from sensor.cameras.fields import Key, in_file
 from sensor.errors import SensorError
 from sensor.levels import DARK_SHARE
-from sensor.model import Photoreceptor, SensorModel
-from sensor.numbers import FINITE, POSITIVE, real, refusal, whole
+from sensor.model import BOUNDS, PHOTORECEPTORS, Photoreceptor, SensorModel
+from sensor.numbers import FINITE, POSITIVE, real
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["smallest", "nominal", "measured", "published", "given", "bound"]
 KINDS: tuple[str, ...] = get_args(Kind)
-
-BUS_KEYS = "bus", "fifo", "row_overhead"
-"""Keys of a camera that are about its bus."""
-_ELECTRONICS = [name for name, key in KEYS.items() if key.part == "electronics"]
 
 
 class Source(NamedTuple):
@@ -92,7 +88,7 @@ random_start
         As `max_rate_hz`, `fifo_depth` and `row_overhead_s` of `Readout`; inf for events that leave
         at once.
     sources
-        Where values are from, by their keys in `sensor.cameras.fields.KEYS`.
+        Where values are from, by their keys in `sensor.cameras.camera.KEYS`.
 
     Raises
     ------
@@ -110,43 +106,134 @@ random_start
     """
 
     name: str = ""
-    title: str = ""
-    supplier: str = ""
-    year: int = 0
-    interface: str = ""
-    width: int | None = None
-    height: int | None = None
-    pitch_um: float | None = None
-    fill_factor: float | None = None
-    contrast_threshold: float = 0.2
-    contrast_threshold_off: float | None = None
-    threshold_mismatch: float = 0.0
-    photoreceptor: Photoreceptor = "two_pole"
-    cutoff_hz: float = math.inf
-    cutoff_follows_light: bool = False
-    illuminance_lux: float | None = None
-    like: str = "dvs128"
-    area_exponent: float = 0.0
-    leak_hz: float = 0.0
-    shot_noise_hz: float = 0.0
-    shot_noise_exponent: float = 0.5
-    hot_pixel_fraction: float = 0.0
-    hot_pixel_hz: float = 100.0
-    refractory_s: float = 0.0
-    latency_s: float = 0.0
-    random_start: bool = False
-    dark_share: float = DARK_SHARE
-    warm_up: float = 6.0
-    bus_hz: float = math.inf
-    fifo: int = 4096
-    row_overhead_s: float = 0.0
+    title: str = in_file("", "name of the camera, in words", kind="text", part="name")
+    supplier: str = in_file("", "who sells it", kind="text", part="name")
+    year: int = in_file(0, "year of release", kind="integer", least=1900, most=2200, part="name")
+    interface: str = in_file("", "its connection to a computer", kind="text", part="name")
+    width: int | None = in_file(None, "width", kind="integer", unit="px", part="grid")
+    height: int | None = in_file(None, "height", kind="integer", unit="px", part="grid")
+    pitch_um: float | None = in_file(
+        None, "side of a pixel", key="pitch", unit="um", least=1e-3, most=1e6, part="grid"
+    )
+    fill_factor: float | None = in_file(
+        None, "light-sensitive share of a pixel's area", unit="share", part="grid"
+    )
+    contrast_threshold: float = in_file(
+        0.2,
+        "contrast threshold of ON events, and of OFF events that have none",
+        key="threshold",
+        unit="log of ON",
+    )
+    contrast_threshold_off: float | None = in_file(
+        None, "contrast threshold of OFF events", key="threshold_off", unit="log of OFF"
+    )
+    threshold_mismatch: float = in_file(
+        0.0,
+        "standard deviation of the thresholds between pixels",
+        unit="log",
+        note="typically 0.03",
+    )
+    photoreceptor: Photoreceptor = in_file(
+        "two_pole",
+        "filter of its pixels",
+        kind="word",
+        words=PHOTORECEPTORS,
+        note="v2e's is one pole whose cutoff follows the light of each pixel",
+    )
+    cutoff_hz: float = in_file(
+        math.inf,
+        "corner frequency of each pole of the photoreceptor",
+        key="cutoff",
+        unit="Hz",
+        note="the paper has 200 for day and 50 for night",
+    )
+    cutoff_follows_light: bool = in_file(
+        False, "whether a pixel's cutoff is proportional to its own light", kind="flag"
+    )
+    illuminance_lux: float | None = in_file(
+        None,
+        "light on the scene for which cutoff and shot noise hold",
+        key="illuminance",
+        unit="lux",
+        least=POSITIVE,
+        most=1e12,
+    )
+    like: str = in_file("dvs128", "camera that lends its cutoff per lux", kind="text")
+    area_exponent: float = in_file(
+        0.0,
+        "exponent of the photodiode's area in a cutoff that is lent",
+        most=1.0,
+        note="0 by default, at most 1",
+    )
+    leak_hz: float = in_file(
+        0.0,
+        "rate of ON events of a pixel in constant light",
+        key="leak",
+        unit="Hz",
+        note="typically 0.1",
+    )
+    shot_noise_hz: float = in_file(
+        0.0, "rate of noise events of a pixel in the dark", key="shot_noise", unit="Hz"
+    )
+    shot_noise_exponent: float = in_file(0.5, "fall of the shot noise with the light")
+    hot_pixel_fraction: float = in_file(0.0, "share of hot pixels", key="hot_pixels", unit="share")
+    hot_pixel_hz: float = in_file(
+        100.0, "rate of noise events of a hot pixel", key="hot_pixel_rate", unit="Hz"
+    )
+    refractory_s: float = in_file(0.0, "dead time after an event", key="refractory", unit="s")
+    latency_s: float = in_file(
+        0.0,
+        "delay from the crossing of a threshold to its event",
+        key="latency",
+        unit="s",
+        note="on top of that of the photoreceptor",
+    )
+    random_start: bool = in_file(
+        False,
+        "whether memories start at random levels, as in a camera that has been running",
+        kind="flag",
+    )
+    dark_share: float = in_file(
+        DARK_SHARE, "dark level, as a share of white", key="dark", unit="share"
+    )
+    warm_up: float = in_file(
+        6.0, "warm-up before a window, in time constants of the photoreceptor", most=1e6
+    )
+    bus_hz: float = in_file(
+        math.inf,
+        "capacity of the bus",
+        key="bus",
+        unit="Mev/s",
+        least=POSITIVE,
+        part="bus",
+        note='"unlimited" for events that leave at once',
+    )
+    fifo: int = in_file(
+        4096,
+        "events that can wait for the bus",
+        kind="integer",
+        unit="events",
+        least=1,
+        most=100_000_000,
+        part="bus",
+        note="an event that finds the queue full is lost",
+    )
+    row_overhead_s: float = in_file(
+        0.0,
+        "time to open a row of pixels",
+        key="row_overhead",
+        unit="s",
+        most=1e9,
+        part="bus",
+        note="the row that has waited longest is read next",
+    )
     sources: Mapping[str, Source] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         for name, key in KEYS.items():
             value = getattr(self, FIELDS[name])
-            if value is not None and value != _DEFAULTS[FIELDS[name]]:
-                object.__setattr__(self, FIELDS[name], checked(name, key, value))
+            if value is not None and value != key.default:
+                object.__setattr__(self, FIELDS[name], key.checked(name, value))
         if self.cutoff_follows_light and self.photoreceptor == "v2e":
             raise SensorError(
                 "cutoff_follows_light: must be false with the photoreceptor 'v2e', whose cutoff "
@@ -189,7 +276,7 @@ random_start
         """Return whether the camera has a value of its own for a key, not only a bound."""
         if key in self.sources:
             return self.sources[key].kind != "bound"
-        return bool(getattr(self, FIELDS[key]) != _DEFAULTS[FIELDS[key]])
+        return bool(getattr(self, FIELDS[key]) != KEYS[key].default)
 
     def on(self, width: int, height: int) -> EventCamera:
         """Return these pixels on another grid.
@@ -226,7 +313,7 @@ random_start
         -------
         EventCamera
         """
-        names = [name for name in _ELECTRONICS if name not in BUS_KEYS or other.states("bus")]
+        names = _ELECTRONICS + (BUS_KEYS if other.states("bus") else [])
         taken = {FIELDS[name]: getattr(other, FIELDS[name]) for name in names}
         sources = {name: source for name, source in self.sources.items() if name not in names}
         sources |= {name: source for name, source in other.sources.items() if name in names}
@@ -513,7 +600,7 @@ random_start
         if unknown and self.name:
             parts[-1] += f" ({' and '.join(unknown)} unknown, 0)"
         for name in _ALSO_SAID:
-            if (value := getattr(self, FIELDS[name])) != _DEFAULTS[FIELDS[name]]:
+            if (value := getattr(self, FIELDS[name])) != KEYS[name].default:
                 unit = next(iter(KEYS[name].units)).removesuffix("1")
                 if unit == "s":
                     value, unit = 1e6 * value, "us"
@@ -575,22 +662,27 @@ def _listed(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
 
 
-_DEFAULTS = {each.name: each.default for each in fields(EventCamera)}
+def _with_bounds(each: Field[Any]) -> Key:
+    """Return the key of a field, with the bounds of `SensorModel` if it is one of its fields."""
+    key: Key = each.metadata["key"]
+    least, most, _ = BOUNDS.get(each.name, (key.least, key.most, ""))
+    return replace(key, least=least, most=most)
 
 
-def checked(name: str, key: Key, value: Any) -> Any:
-    """Return a key's value, in the unit of the camera's field, as a Python value of its kind."""
-    if key.kind == "flag":
-        if not isinstance(value, bool):
-            raise refusal(name, value, "true or false")
-        return value
-    if key.kind in ("text", "word"):
-        if not isinstance(value, str) or (key.words and value not in key.words):
-            raise refusal(name, value, " or ".join(map(repr, key.words)) or "a string")
-        return value
-    read, words = (whole, "an integer") if key.kind == "integer" else (real, "a number")
-    expected = f"{words} from {key.least:g} to {key.most:g}"
-    return read(name, value, expected, key.least, key.most)
+_IN_FILE = {
+    each.metadata["name"] or each.name: each for each in fields(EventCamera) if each.metadata
+}
+
+FIELDS: dict[str, str] = {name: each.name for name, each in _IN_FILE.items()}
+"""The field of `EventCamera` of each key of a file."""
+
+KEYS: dict[str, Key] = {name: _with_bounds(each) for name, each in _IN_FILE.items()}
+"""All keys of a camera's file, in the order of files and lists."""
+
+BUS_KEYS = [name for name, key in KEYS.items() if key.part == "bus"]
+"""Keys that are about its bus."""
+
+_ELECTRONICS = [name for name, key in KEYS.items() if key.part == "electronics"]
 
 
 def _checked_lux(lux: float) -> float:

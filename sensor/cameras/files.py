@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sensor.cameras.camera import KINDS, EventCamera, Source, checked
-from sensor.cameras.fields import ALIASES, FIELDS, KEYS, Key
+from sensor.cameras.camera import FIELDS, KEYS, KINDS, EventCamera, Source
+from sensor.cameras.fields import Key
 from sensor.errors import SensorError, reading, suggestion
 from sensor.numbers import real, refusal
 
@@ -23,6 +23,7 @@ OTHERS = {  # keys that name another camera
     "electronics": "name or file of a camera whose pixels and bus this one has on its own grid",
 }
 UNLIMITED = "unlimited"
+_ALIASES = {"threshold_on": "threshold"}  # in files of earlier versions
 
 # Keys that act through a cutoff and a warm-up alone.
 _LIGHT = "pitch", "cutoff", "illuminance", "like", "area_exponent", "warm_up"
@@ -106,7 +107,7 @@ def _packaged(name: str) -> EventCamera:
 def read_camera(file: str | Path) -> EventCamera:
     """Read a camera from a TOML file.
 
-    Its keys are those of `sensor.cameras.fields.KEYS`; `base`, the name or file of a camera that
+    Its keys are those of `sensor.cameras.camera.KEYS`; `base`, the name or file of a camera that
     this one changes; and `electronics`, one whose pixels and bus it has. The later wins: defaults,
     `base`, `electronics`, the values of the file. A value is a number in the first unit of its key,
     or a table of `value`, `unit`, `source` and, if they are known, `kind` and the 95 % `interval`.
@@ -150,7 +151,7 @@ def camera_of(
     table: Mapping[str, Any], name: str = "", folder: str | Path | None = None
 ) -> EventCamera:
     """Return the camera that a table describes, as `read_camera` reads it from a file."""
-    values = {ALIASES.get(key, key): value for key, value in table.items()}
+    values = {_ALIASES.get(key, key): value for key, value in table.items()}
     camera = EventCamera()
     for word in OTHERS:
         other = values.pop(word, None)
@@ -189,7 +190,7 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
 def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
     """Return the value of a key, None for a bound, and its source, None for words of a title."""
     if key.part == "name":
-        return checked(name, key, facts), None
+        return key.checked(name, facts), None
     if not isinstance(facts, dict):
         return _value(name, key, facts, None), Source("", "given")
     for fact in facts:
@@ -225,7 +226,7 @@ def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
         value = _number(name, key, value, unit)
         if math.isinf(value) and name not in ("cutoff", "bus"):
             raise refusal(name, value, "a finite number")
-    return checked(name, key, value)
+    return key.checked(name, value)
 
 
 def _bus_hz(name: str) -> float:

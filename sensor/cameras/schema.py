@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sensor.cameras.camera import KINDS
-from sensor.cameras.fields import KEYS, Key
+from sensor.cameras.camera import KEYS, KINDS
+from sensor.cameras.fields import Key
 from sensor.cameras.files import OTHERS, UNLIMITED, camera_names, find_camera
+from sensor.numbers import FINITE, POSITIVE
 
 
 def camera_schema() -> dict[str, Any]:
-    """Return the JSON schema of a camera's file, from `sensor.cameras.fields.KEYS`."""
+    """Return the JSON schema of a camera's file, from `sensor.cameras.camera.KEYS`."""
     others = {name: {"type": "string", "description": meaning} for name, meaning in OTHERS.items()}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -67,10 +68,10 @@ def _value(key: Key, scale: float | None) -> dict[str, Any]:
     if scale is None:
         return schema | {"minimum": 0}
     number = int if key.kind == "integer" else float
-    if key.least == math.ulp(0.0):
+    if key.least == POSITIVE:
         schema["exclusiveMinimum"] = 0
     else:
         schema["minimum"] = number(key.least / scale)
-    if key.most < math.inf:
+    if key.most < FINITE:
         schema["maximum"] = number(key.most / scale)
     return schema

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, make_dataclass
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
 from tyro.conf import arg
 
 from sensor.cameras import EventCamera
-from sensor.cameras.fields import KEYS, Key
+from sensor.cameras.camera import KEYS
+from sensor.cameras.fields import Key
 from sensor.cameras.files import camera_of
 from tasks.errors import TaskError
 
@@ -29,7 +31,8 @@ def _type(name: str, key: Key) -> Any:
     """Return the type of a key's option, with its help."""
     unit = next(iter(key.units)).removesuffix("1") if key.kind == "number" else ""
     words = ", ".join(filter(None, (key.meaning[0].upper() + key.meaning[1:], unit)))
-    told = arg(help=f"{'; '.join(filter(None, (words, key.note)))}.")
+    usual = f"{key.default} by default" if key.default and key.default != math.inf else ""
+    told = arg(help=f"{'; '.join(filter(None, (words, key.note, usual.replace('.0 ', ' '))))}.")
     if name == "bus":
         return Annotated[float | str | None, told, arg(metavar="FLOAT|CAMERA|unlimited")]
     if key.kind == "flag":

@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg
 
 import eres_render
 from sensor.cameras import EventCamera, camera_names, find_camera
-from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.camera import FIELDS, KEYS
 from sensor.cameras.files import in_unit
 from tasks.cli import terminal
 from tasks.cli.app import AsJson

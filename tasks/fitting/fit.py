@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import Events
 from sensor.cameras import EventCamera, Source, plain_camera
-from sensor.cameras.camera import Kind
-from sensor.cameras.fields import FIELDS
+from sensor.cameras.camera import FIELDS, Kind
 from tasks.errors import TaskError
 from tasks.fitting.check import Agreement, Check, compare, parts_of
 from tasks.fitting.darkness import DARK_SHARES, Swept, sweep_dark

@@ -28,8 +28,7 @@ from sensor import (
     write_camera,
 )
 from sensor.cameras import files
-from sensor.cameras.camera import Source
-from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.camera import FIELDS, KEYS, Source
 from sensor.cameras.schema import camera_schema
 from sensor.events import concatenate
 from sensor.levels import white_level

@@ -9,7 +9,7 @@ import pytest
 from eres_render import load_scene
 from eres_render.random_scenes.random_scene import MAX_LIGHT
 from sensor import SensorError, SensorModel, find_camera, plain_camera, read_camera
-from sensor.cameras.fields import FIELDS, KEYS
+from sensor.cameras.camera import FIELDS, KEYS
 from tasks.cli.camera_options import CameraOptions
 from tasks.errors import TaskError
 from tasks.events.simulation import warn_of_fill_factor
