@@ -42,7 +42,7 @@ def main() -> None:
         clip = write_clip(Path(folder) / "clip.mp4", width, height, args.motion, args.frames)
         out = Path(folder) / "events.h5"
         footage = open_footage(clip)
-        steps = steps_for(displacements_px(footage))
+        steps = [*map(steps_for, displacements_px(footage))]
         model = SensorModel(width=width, height=height)
         options = SimulationOptions(overwrite=True)
 

@@ -100,7 +100,7 @@ def thin_rows(clip: Footage) -> Iterator[list[str]]:
         thin = footage_of(frames[::every], clip.t_s[::every], clip.white_level)
         motion = displacements_px(thin)
         events, check = checked(thin)
-        dense = interpolated(thin, steps_for(motion))
+        dense = interpolated(thin, [*map(steps_for, motion)])
         cells = [str(every), f"{np.median(motion):.2f}"]
         for seen in (histogram(one, end_s) for one in (events, checked(dense)[0])):
             again = np.minimum(seen, all_events).sum() / all_events.sum()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field, make_dataclass
 from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
@@ -31,8 +30,9 @@ def _type(name: str, key: Key) -> Any:
     """Return the type of a key's option, with its help."""
     unit = next(iter(key.units)).removesuffix("1") if key.kind == "number" else ""
     words = ", ".join(filter(None, (key.meaning[0].upper() + key.meaning[1:], unit)))
-    usual = f"{key.default} by default" if key.default and key.default != math.inf else ""
-    told = arg(help=f"{'; '.join(filter(None, (words, key.note, usual.replace('.0 ', ' '))))}.")
+    usual = str(key.default).removesuffix(".0")
+    usual = "" if usual in ("None", "False", "0", "inf") else f"{usual} by default"
+    told = arg(help=f"{'; '.join(filter(None, (words, key.note, usual)))}.")
     if name == "bus":
         return Annotated[float | str | None, told, arg(metavar="FLOAT|CAMERA|unlimited")]
     if key.kind == "flag":

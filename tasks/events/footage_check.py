@@ -148,9 +148,9 @@ class FootageCheck:
         alone = replace(
             self._footage, t_s=times_s, height=height, width=width, frames=lambda: iter(frames)
         )
-        motion_px = displacements_px(alone)[-1:] * self._model.width / width
-        self._motion_px += motion_px.tolist()
-        steps = min(_MOST_STEPS, *steps_for(motion_px))
+        motion_px = displacements_px(alone)[-1] * self._model.width / width
+        self._motion_px.append(motion_px)
+        steps = min(_MOST_STEPS, steps_for(motion_px))
         dense = interpolated(alone, [*[1] * (len(frames) - 2), steps])
         counts = []
         for source in (alone, dense):

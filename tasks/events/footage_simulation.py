@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from pathlib import Path
 
 from eres_render.progress import Progress, silent
@@ -78,12 +79,12 @@ def simulate_footage(
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     if footage.fps is not None:
         origin["fps"] = footage.fps
-    check, frames = None, footage
+    check, frames, between = None, footage, None
     if interpolate is not None or is_installed("cv2"):
         from tasks.events.footage_check import FootageCheck
 
-        between = interpolate is not None
-        check = FootageCheck(footage, part, model, options.speed, with_between=between)
+        dense = interpolate is not None
+        check = FootageCheck(footage, part, model, options.speed, with_between=dense)
         frames = check.watched()
     else:
         _log.warning(
@@ -92,19 +93,21 @@ def simulate_footage(
             install("video"),
         )
     if interpolate is not None:
-        from tasks.footage.interpolation import displacements_px, interpolated, steps_for
+        from tasks.footage.interpolation import timed_frames
 
-        if interpolate == "auto":
-            sensor_px = model.width / (part[1].stop - part[1].start)
-            steps = steps_for(sensor_px * displacements_px(footage, on_progress))
-        else:
-            steps = [int(interpolate)] * (len(footage) - 1)
-        frames = interpolated(frames, steps)
-        _log.info("%d frames after interpolation", len(frames))
+        steps = None if interpolate == "auto" else [int(interpolate)] * (len(footage) - 1)
+        sensor_px = model.width / (part[1].stop - part[1].start)
+        between = partial(timed_frames, steps=steps, sensor_px=sensor_px)
         origin["interpolate"] = interpolate
-    on_events = None if check is None else check.count
     result = simulate_frames(
-        frames, model, out, options, origin=origin, on_events=on_events, on_progress=on_progress
+        frames,
+        model,
+        out,
+        options,
+        origin=origin,
+        between=between,
+        on_events=None if check is None else check.count,
+        on_progress=on_progress,
     )
     if check is not None:
         check.warn()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from eres_render import RadianceSequence
 from eres_render.progress import Progress, silent
 from eres_render.storage.json_values import use_python_numbers
-from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
+from sensor import Events, LiveCamera, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.formats import FORMATS, Format, find_format, write_events
 from sensor.formats.header import Value
 from sensor.optics import crop_to_aspect
@@ -29,6 +30,7 @@ from tasks.warm_up import TIME_CONSTANTS, warn_of_frames
 
 _log = logging.getLogger(__name__)
 
+_AT_ONCE = 8  # frames whose number is not known before
 _SAMPLES_ALONG = 3  # of frames along a pixel, from which on a fill factor acts, see `SensorModel`
 
 RadianceFrames = RadianceSequence | Footage
@@ -189,6 +191,7 @@ def simulate_frames(
     options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     origin: Mapping[str, Value],
+    between: Callable[[Footage], Iterable[tuple[float, NDArray[np.float32]]]] | None = None,
     add: Callable[[Path], object] | None = None,
     on_events: Callable[[Events], object] | None = None,
     on_progress: Progress = silent,
@@ -210,12 +213,14 @@ def simulate_frames(
         Speed, seed, bus, and how to write the file.
     origin
         Where the frames come from, for the file.
+    between
+        Function that adds frames to footage, and yields all with their times.
     add
         As for `write_events`.
     on_events
         Called with the events of each part, before the bus.
     on_progress
-        Called after each frame.
+        Called after each of `frames`.
 
     Returns
     -------
@@ -240,14 +245,28 @@ def simulate_frames(
     }
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
 
-    def central() -> Iterator[NDArray[np.float32]]:
+    def counted() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(frames, start=1):
-            yield frame[rows, columns]
+            yield frame
             on_progress("simulating", k, len(frames))
 
-    parts: Iterable[Events] = stream(
-        central(), frames.t_s / options.speed, model, seed=options.seed
-    )
+    def pushed(rest: Iterator[tuple[float, NDArray[np.float32]]]) -> Iterator[Events]:
+        count = 0
+        with LiveCamera(model, seed=options.seed) as live:
+            while part := list(islice(rest, _AT_ONCE)):
+                times_s, light = zip(*part, strict=True)
+                seen = np.stack([frame[rows, columns] for frame in light])
+                yield live.push(seen, np.array(times_s) / options.speed)
+                count += len(part)
+            yield live.finish()
+        _log.info("%d frames after interpolation", count)
+
+    parts: Iterable[Events]
+    if isinstance(frames, Footage) and between is not None:
+        parts = pushed(iter(between(replace(frames, frames=counted))))
+    else:
+        central = (frame[rows, columns] for frame in counted())
+        parts = stream(central, frames.t_s / options.speed, model, seed=options.seed)
     if on_events is not None:
         parts = _shown(parts, on_events)
     leaving = None

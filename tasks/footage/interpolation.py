@@ -7,18 +7,17 @@ therefore misses variations of the light, and their events.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.cores import cores
-from eres_render.progress import Progress, silent
 from tasks.footage.footage import Footage
 from tasks.footage.warping import blend, coefficients, find_later
 
@@ -32,26 +31,42 @@ _MIN_PX = 64  # DIS finds too little motion in images with a shorter side, or fa
 _EDGE = 4.0  # gray levels per px: less is noise, and flow in a plain area means nothing
 
 
-def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
-    """Return how finely to divide intervals so that a step has at most half a pixel of motion."""
-    return [max(1, math.ceil(shift / _MAX_PX)) for shift in displacements_px]
+def steps_for(displacement_px: float) -> int:
+    """Return how finely to divide an interval so that a step has at most half a pixel of motion."""
+    return max(1, math.ceil(displacement_px / _MAX_PX))
 
 
 def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:
     """Return footage with motion-compensated frames; interval k becomes `steps[k]` intervals."""
-    own = pairwise(footage.t_s)
-    inside = [a + (b - a) * np.arange(n) / n for (a, b), n in zip(own, steps, strict=True)]
+    times = map(_times_s, pairwise(footage.t_s), steps)
+    return replace(
+        footage,
+        t_s=np.append(np.concatenate(list(times)), footage.t_s[-1]),
+        frames=lambda: (frame for _, frame in timed_frames(footage, steps)),
+    )
 
-    def frames() -> Iterator[Float32]:
-        ends = (_End(light, footage.white_level) for light in footage)
-        with ThreadPoolExecutor(cores(), thread_name_prefix="in between") as workers:
-            for (before, after), n in zip(pairwise(ends), steps, strict=True):
-                yield before.light
-                if n > 1:
-                    yield from _between(before, after, n, workers)
-        yield after.light
 
-    return replace(footage, t_s=np.append(np.concatenate(inside), footage.t_s[-1]), frames=frames)
+def timed_frames(
+    footage: Footage, steps: Sequence[int] | None, sensor_px: float = 1.0
+) -> Iterator[tuple[float, Float32]]:
+    """Yield the times and frames of `interpolated`.
+
+    With None, an interval has as many steps as its motion needs on a sensor with `sensor_px` pixels
+    for a pixel of the footage.
+    """
+    ends = (_End(light, footage.white_level) for light in footage)
+    with ThreadPoolExecutor(cores(), thread_name_prefix="in between") as workers:
+        for k, (before, after) in enumerate(pairwise(ends)):
+            n = steps[k] if steps else steps_for(sensor_px * _displacement_px(before, after))
+            times_s = _times_s(footage.t_s[k : k + 2], n)
+            between = _between(before, after, n, workers) if n > 1 else ()
+            yield from zip(times_s, chain([before.light], between), strict=True)
+    yield footage.t_s[-1], after.light
+
+
+def _times_s(ends_s: Iterable[float], steps: int) -> NDArray[np.float64]:
+    start_s, end_s = ends_s
+    return start_s + (end_s - start_s) * np.arange(steps) / steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +79,13 @@ class _End:
     @cached_property
     def gray(self) -> NDArray[np.uint8]:
         return gray(self.light, self.white_level)
+
+    @cached_property
+    def small(self) -> NDArray[np.uint8]:
+        scale = min(1.0, _MEASURED_PX / max(self.light.shape))
+        height, width = (max(_MIN_PX, round(scale * side)) for side in self.light.shape)
+        light = cv2.resize(self.light, (width, height), interpolation=cv2.INTER_AREA)
+        return gray(light, self.white_level)
 
     @cached_property
     def spline(self) -> Float32:
@@ -83,42 +105,25 @@ def _between(before: _End, after: _End, steps: int, workers: Executor) -> Iterat
         yield frame
 
 
-def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
+def displacements_px(footage: Footage) -> NDArray[np.float64]:
     """Measure the motion of edges from each frame to the next, by DIS optical flow on small images.
 
     It is the 95th percentile, (T - 1,) px of the footage; 0 without edges. Only motion across edges
     counts: along them the light does not change, nor in plain areas.
     """
-    scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
-    width, height = (max(_MIN_PX, round(scale * side)) for side in (footage.width, footage.height))
-    lengths = []
-
-    def images() -> Iterator[NDArray[np.uint8]]:
-        for k, frame in enumerate(footage, start=1):
-            small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
-            yield gray(small, footage.white_level)
-            on_progress("measuring motion", k, len(footage))
-
-    scales = width / footage.width, height / footage.height
-    for before, after in pairwise(images()):
-        across = _across_edges(before, optical_flow(before, after), scales)
-        lengths.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
-    return np.array(lengths)
+    ends = (_End(light, footage.white_level) for light in footage)
+    return np.array([_displacement_px(*both) for both in pairwise(ends)])
 
 
-def _across_edges(
-    image: NDArray[np.uint8], flow: Float32, scales: tuple[float, float]
-) -> NDArray[np.float64]:
-    """Return the lengths, (N,), of the components of flow along the gradient, where it is large.
-
-    The image, (H, W), and its flow, (H, W, 2), are small, and the lengths are in px of the footage.
-    `scales` are the small size over the footage's in x and y; a narrow image is stretched.
-    """
+def _displacement_px(before: _End, after: _End) -> float:
+    image, flow = before.small, optical_flow(before.small, after.small)
+    scales = np.divide(image.shape, before.light.shape)[::-1]  # a narrow image is stretched
     sides = [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))]
     gradient = np.stack(sides, axis=-1)
     edge = np.hypot(*np.moveaxis(gradient, 2, 0)) > _EDGE
     change = np.abs(np.sum(gradient * flow, axis=2)[edge])  # of the light; the scales cancel
-    return change / np.hypot(*np.moveaxis(gradient[edge] * scales, 1, 0))
+    across = change / np.hypot(*np.moveaxis(gradient[edge] * scales, 1, 0))
+    return float(np.percentile(across, _PERCENTILE)) if across.size else 0.0
 
 
 def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:

@@ -93,7 +93,7 @@ def light_between(frames: RecordedFrames) -> Footage:
     The frames with motion-compensated frames between them; only the first part if this would need
     more than 1000 frames.
     """
-    steps = steps_for(displacements_px(frames.footage()))
+    steps = [*map(steps_for, displacements_px(frames.footage()))]
     fit = max(1, int(np.searchsorted(np.cumsum(steps), _MAX_STEPS, side="right")))
     return interpolated(frames.some(np.arange(fit + 1)).footage(), steps[:fit])
 

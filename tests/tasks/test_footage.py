@@ -5,6 +5,7 @@ import logging
 import re
 import struct
 import tracemalloc
+from dataclasses import replace
 from fractions import Fraction
 
 import av
@@ -958,7 +959,7 @@ def test_motion_is_measured(tmp_path):
     """Analytic: a texture that moves by (3, 1.5) px has displacements of 3.35 px."""
     footage = footage_of(tmp_path, [waves(t) for t in (0, 3, 6)])
     np.testing.assert_allclose(displacements_px(footage), np.hypot(3, 1.5), rtol=0.1)
-    assert steps_for(np.array([0.0, 0.4, 0.6, 5.0])) == [1, 1, 2, 10]
+    assert [*map(steps_for, (0.0, 0.4, 0.6, 5.0))] == [1, 1, 2, 10]
 
 
 @pytest.mark.parametrize("size", [(256, 1280), (64, 1280), (32, 1280), (32, 48)])
@@ -1036,23 +1037,38 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
             simulate_footage(thin, model, tmp_path / "x.npz", interpolate=wrong)
 
 
-def test_motion_is_measured_only_where_it_is_needed(tmp_path):
-    """Promise: only steps that follow the motion need a pass over the frames before."""
-    footage = footage_of(tmp_path, [waves(t, 32) for t in range(3)])
-    model = SensorModel(width=32, height=32)
+@pytest.mark.parametrize("interpolate", [None, "2", "auto"])
+def test_frames_are_read_once_whatever_is_between(tmp_path, interpolate):
+    """Promise: motion is measured while events are made."""
+    footage = footage_of(tmp_path, [waves(2 * t, 32) for t in range(3)])
+    read, stages = [], []
 
-    def stages(**options):
-        found = []
-        out = tmp_path / f"{len(list(tmp_path.iterdir()))}.npz"
-        simulate_footage(footage, model, out, on_progress=lambda *at: found.append(at), **options)
-        return found
+    def frames():
+        for frame in footage:
+            read.append(frame)
+            yield frame
 
-    assert stages(interpolate="2") == [("simulating", k, 5) for k in range(1, 6)]
-    measured = [("measuring motion", k, 3) for k in range(1, 4)]
-    assert stages() == [("simulating", k, 3) for k in range(1, 4)]
-    assert stages(interpolate="auto")[:3] == measured
+    simulate_footage(
+        *(replace(footage, frames=frames), SensorModel(width=32, height=32), tmp_path / "e.npz"),
+        interpolate=interpolate,
+        on_progress=lambda *at: stages.append(at),
+    )
+    assert len(read) == 3
+    assert stages == [("simulating", k, 3) for k in range(1, 4)]
     with pytest.raises(TaskError, match="speed: found 0, expected above 0"):
         SimulationOptions(speed=0)
+
+
+def test_events_with_frames_between_are_those_of_these_frames(tmp_path):
+    """Promise: `auto` simulates the frames of `interpolated` at half a pixel a step, to the bit."""
+    footage = footage_of(tmp_path, [waves(t) for t in (0, 1.4, 6, 6)])
+    model = SensorModel(width=96, height=96, cutoff_hz=200.0, leak_hz=5.0)
+    simulate_footage(footage, model, tmp_path / "e.npz", interpolate="auto")
+    dense = interpolated(footage, [*map(steps_for, displacements_px(footage))])
+    assert len(dense) > 10
+    events, expected = load_events(tmp_path / "e.npz"), simulate(iter(dense), dense.t_s, model)
+    for column, other in zip(events.columns, expected.columns, strict=True):
+        np.testing.assert_array_equal(column, other)
 
 
 def test_memory_does_not_grow_with_the_footage(tmp_path):
