@@ -131,7 +131,7 @@ def sample_worth(run: FinishedRun) -> str:
         (series, place.scene): lead.effective_samples
         for series, leads_of_one in every.items()
         for place in leads_of_one
-        if (place.cutoff_hz, place.speed) == at and (lead := place.found[reading])
+        if (place.cutoff_hz, place.speed) == at and (lead := place.intervals[reading])
     }
     columns = [["", *(series.title for series in first)]]
     for scene in run.scenes:
@@ -252,10 +252,10 @@ def _leads_table(run: FinishedRun, readings: Mapping[str, Scores], heads: Mappin
                 continue
             at = f"{cutoff_label(lead.cutoff_hz)}, {speed_label('', lead.speed)}"
             values = [
-                None if interval is None else interval.value for interval in lead.found.values()
+                None if interval is None else interval.value for interval in lead.intervals.values()
             ]
             texts = [MISSING if v is None else metric.text(v, "+") for v in (*values, lead.paper)]
-            of_all = lead.found.get(_ALL)
+            of_all = lead.intervals.get(_ALL)
             if of_all and of_all.low is not None and of_all.high is not None:
                 ends = metric.text(of_all.low, "+"), metric.text(of_all.high, "+")
                 texts[-2] += f" [{', '.join(ends)}]"

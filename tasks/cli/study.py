@@ -202,7 +202,7 @@ def _show_scores(run: FinishedRun) -> None:
     from tasks.study.results.words import join_words, lost_text, photoreceptor_label
 
     terminal.say(*run.assumes)
-    scores, *further = run.found
+    scores, *further = run.by_threshold
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, run.base_speeds), crop=False)
     if any(len(scores.speeds(series)) > 1 for series in scores.series()):
@@ -284,7 +284,9 @@ def _show_claims(run: FinishedRun) -> None:
     counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.say(Text("\n") + Text(", ").join(counted))
-    for note in filter(None, (BRACKETS, chance_note(run.verdicts), threshold_note(run.found))):
+    for note in filter(
+        None, (BRACKETS, chance_note(run.verdicts), threshold_note(run.by_threshold))
+    ):
         terminal.out.print(note, highlight=False)
     for name in run.others:
         changed = changed_verdicts({"": run.verdicts, name: run.verdicts_by_photoreceptor[name]})

@@ -121,7 +121,7 @@ def test_leads_by_reading_are_beside_the_papers() -> None:
     assert {one.cutoff_hz for one in found} == {*CUTOFFS_HZ} - {math.inf}
     day = next(one for one in found if (one.cutoff_hz, one.speed) == (200.0, 1.0))
     assert day.paper == pytest.approx(1.25, abs=0.01)
-    two, v2e = day.found["two_pole"], day.found["v2e"]
+    two, v2e = day.intervals["two_pole"], day.intervals["v2e"]
     assert two is not None
     assert v2e is not None
     assert two.value == pytest.approx(day.paper)

@@ -30,12 +30,12 @@ from tasks.study.results.words import PACKAGED, BaseSpeeds
 class FinishedRun:
     """A finished run, the input of every section of the report.
 
-    `found` are the scores of the page's photoreceptor, by contrast threshold; `others` are the
-    scores of the other photoreceptors.
+    `by_threshold` are the scores of the page's photoreceptor, `others` those of the other
+    photoreceptors, each by contrast threshold.
     """
 
     folder: Path
-    found: Sequence[Scores]
+    by_threshold: Sequence[Scores]
     environment: Mapping[str, str]
     config: Mapping[str, Any]
     others: Mapping[str, Sequence[Scores]] = field(default_factory=dict)
@@ -43,12 +43,12 @@ class FinishedRun:
     @property
     def scores(self) -> Scores:
         """Return the scores of the first contrast threshold."""
-        return self.found[0]
+        return self.by_threshold[0]
 
     @property
     def readings(self) -> dict[str, Scores]:
         """Return the scores at the first threshold by photoreceptor, that of the page first."""
-        every = {self.scores.photoreceptor: self.found, **self.others}
+        every = {self.scores.photoreceptor: self.by_threshold, **self.others}
         return {name: scores[0] for name, scores in every.items()}
 
     @cached_property

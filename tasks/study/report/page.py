@@ -72,7 +72,7 @@ SECTIONS = (
         "Threshold",
         "Contrast threshold",
         "threshold.html",
-        lambda run: run.found[1:] or None,
+        lambda run: run.by_threshold[1:] or None,
     ),
     Section(
         "photoreceptor",
@@ -135,7 +135,7 @@ def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SE
             f"{MAX_BYTES / 1e6:.0f} MB; list fewer previews in previews/index.json"
         )
     others = {f"tables_{name}": scores for name, scores in run.others.items()}
-    for name, scores in {"tables": run.found, **others}.items():
+    for name, scores in {"tables": run.by_threshold, **others}.items():
         tables = [comparison_table(each, series) for each in scores for series in each.series()]
         write_text(run.folder / f"{name}.csv", to_csv(tables))
     for name in {f"tables_{kind}" for kind in PHOTORECEPTORS} - others.keys():

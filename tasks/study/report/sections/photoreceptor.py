@@ -29,7 +29,7 @@ class Lead:
     cutoff_hz: float
     speed: float
     sensors: tuple[SensorId, SensorId]
-    found: Mapping[str, Interval | None]
+    intervals: Mapping[str, Interval | None]
     paper: float | None
 
 
@@ -97,7 +97,7 @@ def _table(series: Series, of_series: list[Lead], heads: list[Text], run: Finish
             Text(MISSING)
             if interval is None or choice is None
             else Text(interval.text(metric.decimals), _enough(choice))
-            for interval, choice in zip(lead.found.values(), choices, strict=True)
+            for interval, choice in zip(lead.intervals.values(), choices, strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
         head = Text(setting_label(*at, run.base_speeds))

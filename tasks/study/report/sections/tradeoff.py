@@ -81,7 +81,7 @@ def score_point(run: FinishedRun, scores: Scores, series: Series, where: Conditi
 
 def compare_thresholds(run: FinishedRun, series: Series) -> dict[str, tuple[Plot, Table, Table]]:
     """Compare scores of one series, scene by scene."""
-    ascending = sorted(run.found, key=lambda scores: scores.contrast_threshold)
+    ascending = sorted(run.by_threshold, key=lambda scores: scores.contrast_threshold)
     first, metric = run.scores, series.spec.metric
     speed, sensors = base_speed(first, series), first.sensors(series)
     heads = [Text(f"C = {s.contrast_threshold:g}", "this page" * (s is first)) for s in ascending]
