@@ -78,7 +78,24 @@ class Key:
     part: Literal["name", "grid", "electronics", "bus"] = "electronics"
 
     def checked(self, name: str, value: Any) -> Any:
-        """Return a value, in the unit of the field, as a Python value of its kind."""
+        """Return a value as a Python value of its kind.
+
+        Parameters
+        ----------
+        name
+            Name of the key, for errors.
+        value
+            The value, in the unit of the field.
+
+        Returns
+        -------
+        bool, str, int or float
+
+        Raises
+        ------
+        SensorError
+            The value is of another kind, or out of range.
+        """
         if self.kind == "flag":
             if not isinstance(value, bool):
                 raise refusal(name, value, "true or false")
