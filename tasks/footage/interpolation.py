@@ -57,7 +57,10 @@ def timed_frames(
     ends = (_End(light, footage.white_level) for light in footage)
     with ThreadPoolExecutor(cores(), thread_name_prefix="in between") as workers:
         for k, (before, after) in enumerate(pairwise(ends)):
-            n = steps[k] if steps else steps_for(sensor_px * _displacement_px(before, after))
+            if steps is None:
+                n = steps_for(sensor_px * _displacement_px(before, after))
+            else:
+                n = steps[k]
             times_s = _times_s(footage.t_s[k : k + 2], n)
             between = _between(before, after, n, workers) if n > 1 else ()
             yield from zip(times_s, chain([before.light], between), strict=True)

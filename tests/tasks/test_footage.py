@@ -1049,7 +1049,9 @@ def test_frames_are_read_once_whatever_is_between(tmp_path, interpolate):
             yield frame
 
     simulate_footage(
-        *(replace(footage, frames=frames), SensorModel(width=32, height=32), tmp_path / "e.npz"),
+        replace(footage, frames=frames),
+        SensorModel(width=32, height=32),
+        tmp_path / "e.npz",
         interpolate=interpolate,
         on_progress=lambda *at: stages.append(at),
     )
