@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
-from sensor.cameras.fields import Key, in_file
+from sensor.cameras.fields import in_file, keys_of
 from sensor.errors import SensorError
 from sensor.levels import DARK_SHARE
-from sensor.model import BOUNDS, PHOTORECEPTORS, Photoreceptor, SensorModel
+from sensor.model import Photoreceptor, SensorModel
 from sensor.numbers import FINITE, POSITIVE, real
 
 if TYPE_CHECKING:
@@ -106,59 +106,54 @@ random_start
     """
 
     name: str = ""
-    title: str = in_file("", "name of the camera, in words", kind="text", part="name")
-    supplier: str = in_file("", "who sells it", kind="text", part="name")
-    year: int = in_file(0, "year of release", kind="integer", least=1900, most=2200, part="name")
-    interface: str = in_file("", "its connection to a computer", kind="text", part="name")
-    width: int | None = in_file(None, "width", kind="integer", unit="px", part="grid")
-    height: int | None = in_file(None, "height", kind="integer", unit="px", part="grid")
+    title: str = in_file("", "name of the camera, in words", part="name")
+    supplier: str = in_file("", "who sells it", part="name")
+    year: int = in_file(0, "year of release", least=1900, most=2200, part="name")
+    interface: str = in_file("", "its connection to a computer", part="name")
+    width: int | None = in_file(None, "width", "px", part="grid")
+    height: int | None = in_file(None, "height", "px", part="grid")
     pitch_um: float | None = in_file(
-        None, "side of a pixel", key="pitch", unit="um", least=1e-3, most=1e6, part="grid"
+        None, "side of a pixel", "um", key="pitch", least=1e-3, most=1e6, part="grid"
     )
     fill_factor: float | None = in_file(
-        None, "light-sensitive share of a pixel's area", unit="share", part="grid"
+        None, "light-sensitive share of a pixel's area", "share", part="grid"
     )
     contrast_threshold: float = in_file(
         0.2,
         "contrast threshold of ON events, and of OFF events that have none",
+        "log of ON",
         key="threshold",
-        unit="log of ON",
     )
     contrast_threshold_off: float | None = in_file(
-        None, "contrast threshold of OFF events", key="threshold_off", unit="log of OFF"
+        None, "contrast threshold of OFF events", "log of OFF", key="threshold_off"
     )
     threshold_mismatch: float = in_file(
-        0.0,
-        "standard deviation of the thresholds between pixels",
-        unit="log",
-        note="typically 0.03",
+        0.0, "standard deviation of the thresholds between pixels", "log", note="typically 0.03"
     )
     photoreceptor: Photoreceptor = in_file(
         "two_pole",
         "filter of its pixels",
-        kind="word",
-        words=PHOTORECEPTORS,
         note="v2e's is one pole whose cutoff follows the light of each pixel",
     )
     cutoff_hz: float = in_file(
         math.inf,
         "corner frequency of each pole of the photoreceptor",
+        "Hz",
         key="cutoff",
-        unit="Hz",
         note="the paper has 200 for day and 50 for night",
     )
     cutoff_follows_light: bool = in_file(
-        False, "whether a pixel's cutoff is proportional to its own light", kind="flag"
+        False, "whether a pixel's cutoff is proportional to its own light"
     )
     illuminance_lux: float | None = in_file(
         None,
         "light on the scene for which cutoff and shot noise hold",
+        "lux",
         key="illuminance",
-        unit="lux",
         least=POSITIVE,
         most=1e12,
     )
-    like: str = in_file("dvs128", "camera that lends its cutoff per lux", kind="text")
+    like: str = in_file("dvs128", "camera that lends its cutoff per lux")
     area_exponent: float = in_file(
         0.0,
         "exponent of the photodiode's area in a cutoff that is lent",
@@ -168,42 +163,38 @@ random_start
     leak_hz: float = in_file(
         0.0,
         "rate of ON events of a pixel in constant light",
+        "Hz",
         key="leak",
-        unit="Hz",
         note="typically 0.1",
     )
     shot_noise_hz: float = in_file(
-        0.0, "rate of noise events of a pixel in the dark", key="shot_noise", unit="Hz"
+        0.0, "rate of noise events of a pixel in the dark", "Hz", key="shot_noise"
     )
     shot_noise_exponent: float = in_file(0.5, "fall of the shot noise with the light")
-    hot_pixel_fraction: float = in_file(0.0, "share of hot pixels", key="hot_pixels", unit="share")
+    hot_pixel_fraction: float = in_file(0.0, "share of hot pixels", "share", key="hot_pixels")
     hot_pixel_hz: float = in_file(
-        100.0, "rate of noise events of a hot pixel", key="hot_pixel_rate", unit="Hz"
+        100.0, "rate of noise events of a hot pixel", "Hz", key="hot_pixel_rate"
     )
-    refractory_s: float = in_file(0.0, "dead time after an event", key="refractory", unit="s")
+    refractory_s: float = in_file(0.0, "dead time after an event", "s", key="refractory")
     latency_s: float = in_file(
         0.0,
         "delay from the crossing of a threshold to its event",
+        "s",
         key="latency",
-        unit="s",
         note="on top of that of the photoreceptor",
     )
     random_start: bool = in_file(
-        False,
-        "whether memories start at random levels, as in a camera that has been running",
-        kind="flag",
+        False, "whether memories start at random levels, as in a camera that has been running"
     )
-    dark_share: float = in_file(
-        DARK_SHARE, "dark level, as a share of white", key="dark", unit="share"
-    )
+    dark_share: float = in_file(DARK_SHARE, "dark level, as a share of white", "share", key="dark")
     warm_up: float = in_file(
         6.0, "warm-up before a window, in time constants of the photoreceptor", most=1e6
     )
     bus_hz: float = in_file(
         math.inf,
         "capacity of the bus",
+        "Mev/s",
         key="bus",
-        unit="Mev/s",
         least=POSITIVE,
         part="bus",
         note='"unlimited" for events that leave at once',
@@ -211,8 +202,7 @@ random_start
     fifo: int = in_file(
         4096,
         "events that can wait for the bus",
-        kind="integer",
-        unit="events",
+        "events",
         least=1,
         most=100_000_000,
         part="bus",
@@ -221,8 +211,8 @@ random_start
     row_overhead_s: float = in_file(
         0.0,
         "time to open a row of pixels",
+        "s",
         key="row_overhead",
-        unit="s",
         most=1e9,
         part="bus",
         note="the row that has waited longest is read next",
@@ -231,9 +221,9 @@ random_start
 
     def __post_init__(self) -> None:
         for name, key in KEYS.items():
-            value = getattr(self, FIELDS[name])
+            value = getattr(self, key.field)
             if value is not None and value != key.default:
-                object.__setattr__(self, FIELDS[name], key.checked(name, value))
+                object.__setattr__(self, key.field, key.checked(name, value))
         if self.cutoff_follows_light and self.photoreceptor == "v2e":
             raise SensorError(
                 "cutoff_follows_light: must be false with the photoreceptor 'v2e', whose cutoff "
@@ -276,7 +266,7 @@ random_start
         """Return whether the camera has a value of its own for a key, not only a bound."""
         if key in self.sources:
             return self.sources[key].kind != "bound"
-        return bool(getattr(self, FIELDS[key]) != KEYS[key].default)
+        return bool(getattr(self, KEYS[key].field) != KEYS[key].default)
 
     def on(self, width: int, height: int) -> EventCamera:
         """Return these pixels on another grid.
@@ -314,7 +304,7 @@ random_start
         EventCamera
         """
         names = _ELECTRONICS + (BUS_KEYS if other.states("bus") else [])
-        taken = {FIELDS[name]: getattr(other, FIELDS[name]) for name in names}
+        taken = {KEYS[name].field: getattr(other, KEYS[name].field) for name in names}
         sources = {name: source for name, source in self.sources.items() if name not in names}
         sources |= {name: source for name, source in other.sources.items() if name in names}
         return replace(self, **taken, sources=sources)
@@ -404,7 +394,7 @@ random_start
         """
         if lux is not None and cutoff_hz is not None:
             raise SensorError("give lux or cutoff_hz, not both")
-        width, height = self.size
+        _ = self.size  # a model needs one
         noise_hz = self.shot_noise_hz
         if lux is not None:
             noise_hz *= self._noise_factor(_checked_lux(lux))
@@ -417,19 +407,14 @@ random_start
             )
         follows = self.cutoff_follows_light or self.photoreceptor == "v2e"
         shared = {each.name for each in fields(SensorModel)} & {each.name for each in fields(self)}
-        values: dict[str, Any] = {name: getattr(self, name) for name in shared}
-        return SensorModel(
-            **values
-            | {
-                "width": width,
-                "height": height,
-                "fill_factor": self.fill_factor or 1.0,
-                "cutoff_hz": cutoff_hz,
-                "shot_noise_hz": noise_hz,
-                "dark_level": self.dark_share * (white if dark_white is None else dark_white),
-                "cutoff_reference": white if follows and cutoff_hz < math.inf else None,
-            }
-        )
+        values: dict[str, Any] = {name: getattr(self, name) for name in shared} | {
+            "fill_factor": self.fill_factor or 1.0,
+            "cutoff_hz": cutoff_hz,
+            "shot_noise_hz": noise_hz,
+            "dark_level": self.dark_share * (white if dark_white is None else dark_white),
+            "cutoff_reference": white if follows and cutoff_hz < math.inf else None,
+        }
+        return SensorModel(**values)
 
     def _noise_factor(self, lux: float) -> float:
         """Return how much more shot noise there is in a light than where the rate holds."""
@@ -600,7 +585,7 @@ random_start
         if unknown and self.name:
             parts[-1] += f" ({' and '.join(unknown)} unknown, 0)"
         for name in _ALSO_SAID:
-            if (value := getattr(self, FIELDS[name])) != KEYS[name].default:
+            if (value := getattr(self, KEYS[name].field)) != KEYS[name].default:
                 unit = next(iter(KEYS[name].units)).removesuffix("1")
                 if unit == "s":
                     value, unit = 1e6 * value, "us"
@@ -662,22 +647,8 @@ def _listed(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
 
 
-def _with_bounds(each: Field[Any]) -> Key:
-    """Return the key of a field, with the bounds of `SensorModel` if it is one of its fields."""
-    key: Key = each.metadata["key"]
-    least, most, _ = BOUNDS.get(each.name, (key.least, key.most, ""))
-    return replace(key, least=least, most=most)
-
-
-_IN_FILE = {
-    each.metadata["name"] or each.name: each for each in fields(EventCamera) if each.metadata
-}
-
-FIELDS: dict[str, str] = {name: each.name for name, each in _IN_FILE.items()}
-"""The field of `EventCamera` of each key of a file."""
-
-KEYS: dict[str, Key] = {name: _with_bounds(each) for name, each in _IN_FILE.items()}
-"""All keys of a camera's file, in the order of files and lists."""
+KEYS = keys_of(EventCamera)
+"""All keys of a camera's file, by name, in the order of files and lists."""
 
 BUS_KEYS = [name for name, key in KEYS.items() if key.part == "bus"]
 """Keys that are about its bus."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args, get_type_hints
 
+from sensor.model import BOUNDS
 from sensor.numbers import real, refusal, whole
 
 Convert = Callable[[float], float]
@@ -48,29 +49,32 @@ class Key:
 
     Parameters
     ----------
+    field
+        Name of its field in `EventCamera`.
+    kind
+        float, int, bool or str.
     meaning
         What its value is, in words.
     default
         Its value for a camera that does not state it, in the unit of the field.
     note
         More about it, for the help of its option.
-    kind
-        "number", "integer", "text", "flag" or "word".
     units
         Units of a number, each with the conversion to the unit of the field, the default first.
     least, most
         Smallest and largest number, in the unit of the field.
     words
-        All values of a word.
+        All strings that it can be; none for any.
     part
         "name" for words about the camera, which need no source; "grid" for its size and the area of
         its pixels; "electronics"; or "bus".
     """
 
+    field: str
+    kind: type
     meaning: str
     default: Any
     note: str = ""
-    kind: Literal["number", "integer", "text", "flag", "word"] = "number"
     units: Mapping[str, Convert]
     least: float = 0.0
     most: float = math.inf
@@ -96,22 +100,33 @@ class Key:
         SensorError
             The value is of another kind, or out of range.
         """
-        if self.kind == "flag":
-            if not isinstance(value, bool):
-                raise refusal(name, value, "true or false")
+        if self.kind in (bool, str):
+            if not isinstance(value, self.kind) or (self.words and value not in self.words):
+                usual = "true or false" if self.kind is bool else "a string"
+                raise refusal(name, value, " or ".join(map(repr, self.words)) or usual)
             return value
-        if self.kind in ("text", "word"):
-            if not isinstance(value, str) or (self.words and value not in self.words):
-                raise refusal(name, value, " or ".join(map(repr, self.words)) or "a string")
-            return value
-        read, words = (whole, "an integer") if self.kind == "integer" else (real, "a number")
+        read, words = (whole, "an integer") if self.kind is int else (real, "a number")
         expected = f"{words} from {self.least:g} to {self.most:g}"
         return read(name, value, expected, self.least, self.most)
 
 
 def in_file(
-    default: Any, meaning: str, *, key: str = "", unit: str = "number", **facts: Any
+    default: Any, meaning: str, unit: str = "number", *, key: str = "", **facts: Any
 ) -> Any:
     """Return a dataclass field with its key in files, which has the field's name by default."""
-    described = Key(meaning=meaning, default=default, units=_UNITS[unit], **facts)
-    return field(default=default, metadata={"name": key, "key": described})
+    facts |= {"meaning": meaning, "units": _UNITS[unit]}
+    return field(default=default, metadata={"key": key, "facts": facts})
+
+
+def keys_of(described: type) -> dict[str, Key]:
+    """Return the keys of a dataclass, by name; fields of `SensorModel` have its bounds."""
+    keys, hints = {}, get_type_hints(described)
+    for each in (each for each in fields(described) if each.metadata):
+        kinds = get_args(hints[each.name]) or (hints[each.name],)
+        words = kinds if isinstance(kinds[0], str) else ()
+        facts = {"kind": str if words else kinds[0], "words": words} | each.metadata["facts"]
+        if each.name in BOUNDS:
+            facts["least"], facts["most"], _ = BOUNDS[each.name]
+        name = each.metadata["key"] or each.name
+        keys[name] = Key(field=each.name, default=each.default, **facts)
+    return keys

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sensor.cameras.camera import FIELDS, KEYS, KINDS, EventCamera, Source
+from sensor.cameras.camera import KEYS, KINDS, EventCamera, Source
 from sensor.cameras.fields import Key
 from sensor.errors import SensorError, reading, suggestion
 from sensor.numbers import real, refusal
@@ -174,14 +174,15 @@ def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCame
         unit = table["threshold"].get("unit") if isinstance(table["threshold"], dict) else None
         if unit == "%":
             raise SensorError("threshold: give threshold_off, too: rise and fall in % differ")
-        values[FIELDS["threshold_off"]] = None
+        values["contrast_threshold_off"] = None
         sources.pop("threshold_off", None)
     for key_name, facts in table.items():
         if key_name not in KEYS:
             raise SensorError(f"{key_name}: unknown; {suggestion(key_name, [*KEYS, *OTHERS])}")
-        value, source = _read(key_name, KEYS[key_name], facts)
+        key = KEYS[key_name]
+        value, source = _read(key_name, key, facts)
         if value is not None:
-            values[FIELDS[key_name]] = value
+            values[key.field] = value
         if source is not None:
             sources[key_name] = source
     return replace(camera, **values, name=name, sources=sources)
@@ -206,7 +207,7 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
         raise refusal(f"{name}.unit", unit, " or ".join(map(repr, key.units)))
     ends = None
     if interval is not None:
-        if key.kind != "number" or not (isinstance(interval, list) and len(interval) == 2):
+        if key.kind is not float or not (isinstance(interval, list) and len(interval) == 2):
             raise refusal(f"{name}.interval", interval, "two numbers, for a numeric key")
         low, high = (_number(f"{name}.interval", key, end, unit) for end in interval)
         if not 0 <= low <= high:
@@ -220,7 +221,7 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
 
 
 def _value(name: str, key: Key, value: Any, unit: Any) -> Any:
-    if key.kind == "number":
+    if key.kind is float:
         if name == "bus" and isinstance(value, str):
             return _bus_hz(value)
         value = _number(name, key, value, unit)
@@ -281,10 +282,10 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
     """
     from sensor.formats.new_file import new_file  # here, as formats load libraries
 
-    plain, lines = EventCamera(), []
+    lines = []
     for name, key in KEYS.items():
-        value, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
-        if source is None and value == getattr(plain, FIELDS[name]):
+        value, source = getattr(camera, key.field), camera.sources.get(name)
+        if source is None and value == key.default:
             continue
         if source is None or not source.text:
             lines.append(f"{name} = {_text(in_unit(key, value)[0])}")
@@ -304,10 +305,10 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
 
 def values_of(camera: EventCamera) -> dict[str, Any]:
     """Return what decides the events of a camera at a given cutoff, where it is not the default."""
-    plain, values = EventCamera(), {}
-    for name in (name for name, key in KEYS.items() if key.part != "name" and name not in _LIGHT):
-        value = getattr(camera, FIELDS[name])
-        if value != getattr(plain, FIELDS[name]):
+    values = {}
+    for name, key in KEYS.items():
+        value = getattr(camera, key.field)
+        if value != key.default and key.part != "name" and name not in _LIGHT:
             values[name] = "inf" if value == math.inf else value
     return values
 
@@ -317,8 +318,8 @@ def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, 
 
     It is the first unit from which the value comes back to the bit.
     """
-    unit = "" if key.kind in ("text", "word", "flag") else next(iter(key.units))
-    if key.kind != "number":
+    unit = "" if key.kind in (str, bool) else next(iter(key.units))
+    if key.kind is not float:
         return value, unit, []
     if value is not None:
         unit = next(name for name, up in key.units.items() if up(value / up(1.0)) == value)

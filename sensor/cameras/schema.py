@@ -10,6 +10,8 @@ from sensor.cameras.fields import Key
 from sensor.cameras.files import OTHERS, UNLIMITED, camera_names, find_camera
 from sensor.numbers import FINITE, POSITIVE
 
+_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
+
 
 def camera_schema() -> dict[str, Any]:
     """Return the JSON schema of a camera's file, from `sensor.cameras.camera.KEYS`."""
@@ -47,11 +49,11 @@ def _property(name: str, key: Key) -> dict[str, Any]:
         bare, in_table = ({"anyOf": [schema, {"enum": buses}]} for schema in (bare, in_table))
     facts = {"value": in_table}
     facts |= {fact: {"$ref": f"#/$defs/{fact}"} for fact in ("source", "kind")}
-    if key.kind in ("number", "integer"):
+    if key.kind in (float, int):
         facts["unit"] = {"enum": [*key.units]}
     table: dict[str, Any] = {"type": "object", "additionalProperties": False, "properties": facts}
     table["required"] = ["value", "source"]
-    if key.kind == "number":
+    if key.kind is float:
         facts["interval"] = {"$ref": "#/$defs/interval"}
         table["required"] = ["source"]
         table["anyOf"] = [{"required": ["value"]}, {"required": ["interval"]}]
@@ -60,18 +62,17 @@ def _property(name: str, key: Key) -> dict[str, Any]:
 
 def _value(key: Key, scale: float | None) -> dict[str, Any]:
     """Return the schema of a value; its range, in units of `scale` if that is known."""
-    if key.kind == "word":
+    if key.words:
         return {"enum": [*key.words]}
-    if key.kind in ("text", "flag"):
-        return {"type": "string" if key.kind == "text" else "boolean"}
-    schema: dict[str, Any] = {"type": key.kind}
+    schema: dict[str, Any] = {"type": _TYPES[key.kind]}
+    if key.kind in (str, bool):
+        return schema
     if scale is None:
         return schema | {"minimum": 0}
-    number = int if key.kind == "integer" else float
     if key.least == POSITIVE:
         schema["exclusiveMinimum"] = 0
     else:
-        schema["minimum"] = number(key.least / scale)
+        schema["minimum"] = key.kind(key.least / scale)
     if key.most < FINITE:
-        schema["maximum"] = number(key.most / scale)
+        schema["maximum"] = key.kind(key.most / scale)
     return schema

@@ -28,23 +28,22 @@ class InLight(TypedDict):
 
 def _type(name: str, key: Key) -> Any:
     """Return the type of a key's option, with its help."""
-    unit = next(iter(key.units)).removesuffix("1") if key.kind == "number" else ""
+    unit = next(iter(key.units)).removesuffix("1") if key.kind is float else ""
     words = ", ".join(filter(None, (key.meaning[0].upper() + key.meaning[1:], unit)))
     usual = str(key.default).removesuffix(".0")
     usual = "" if usual in ("None", "False", "0", "inf") else f"{usual} by default"
     told = arg(help=f"{'; '.join(filter(None, (words, key.note, usual)))}.")
     if name == "bus":
         return Annotated[float | str | None, told, arg(metavar="FLOAT|CAMERA|unlimited")]
-    if key.kind == "flag":
+    if key.kind is bool:
         return Annotated[bool, told]
-    kinds = {"number": float, "integer": int, "text": str, "word": Literal[key.words]}
-    return Annotated[kinds[key.kind] | None, told]  # type: ignore[operator]
+    return Annotated[(Literal[key.words] if key.words else key.kind) | None, told]
 
 
 def _with_keys(options: _Options) -> _Options:
     """Return the options with one more for each key of a camera."""
     more = [
-        (name, _type(name, key), field(default=False if key.kind == "flag" else None))
+        (name, _type(name, key), field(default=False if key.kind is bool else None))
         for name, key in KEYS.items()
         if key.part != "name" and name not in _NO_OPTION
     ]

@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg
 
 import eres_render
 from sensor.cameras import EventCamera, camera_names, find_camera
-from sensor.cameras.camera import FIELDS, KEYS
+from sensor.cameras.camera import KEYS
 from sensor.cameras.files import in_unit
 from tasks.cli import terminal
 from tasks.cli.app import AsJson
@@ -149,7 +149,7 @@ def sensors(
 def _values(camera: EventCamera, known: bool = True) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the keys of a camera's file with their facts; with `known`, those with a source."""
     for name, key in KEYS.items():
-        stored, source = getattr(camera, FIELDS[name]), camera.sources.get(name)
+        stored, source = getattr(camera, key.field), camera.sources.get(name)
         value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
         facts = {"value": value, "unit": unit, "interval": ends}
         facts |= {"kind": source.kind if source else "", "source": source.text if source else ""}

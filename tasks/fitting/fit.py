@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import Events
 from sensor.cameras import EventCamera, Source, plain_camera
-from sensor.cameras.camera import FIELDS, Kind
+from sensor.cameras.camera import KEYS, Kind
 from tasks.errors import TaskError
 from tasks.fitting.check import Agreement, Check, compare, parts_of
 from tasks.fitting.darkness import DARK_SHARES, Swept, sweep_dark
@@ -216,12 +216,12 @@ class Found:
         sources = dict(known.sources)
         for key, (value, _, source, kind) in self.values(recording).items():
             if not isinstance(value, Estimate):
-                changes[FIELDS[key]] = value
+                changes[KEYS[key].field] = value
                 sources[key] = Source(source, kind)
                 continue
             number, low, high = (float(f"{end:.6g}") for end in value)
             if not value.is_bound:
-                changes[FIELDS[key]] = number
+                changes[KEYS[key].field] = number
                 sources[key] = Source(source, kind, (low, high))
             elif not known.states(key):
                 sources[key] = Source(source, "bound", (low, high))

@@ -28,7 +28,7 @@ from sensor import (
     write_camera,
 )
 from sensor.cameras import files
-from sensor.cameras.camera import FIELDS, KEYS, Source
+from sensor.cameras.camera import KEYS, Source
 from sensor.cameras.schema import camera_schema
 from sensor.events import concatenate
 from sensor.levels import white_level
@@ -214,13 +214,11 @@ def test_an_answer_says_what_it_assumes():
 
 def values_of(key):
     """Draw values of a key, in the unit of the field."""
-    if key.kind == "flag":
+    if key.kind is bool:
         return st.booleans()
-    if key.kind == "word":
-        return st.sampled_from(key.words)
-    if key.kind == "text":
-        return st.text(min_size=1, max_size=12)
-    if key.kind == "integer":
+    if key.kind is str:
+        return st.sampled_from(key.words) if key.words else st.text(min_size=1, max_size=12)
+    if key.kind is int:
         return st.integers(int(key.least), int(key.most))
     most = min(key.most, 1e12)
     return st.floats(key.least, most, allow_nan=False, allow_subnormal=False)
@@ -234,13 +232,13 @@ def test_what_is_written_is_read(data, tmp_path):
     values, sources = {}, {}
     for name in names - {"width", "height", "cutoff_follows_light"}:
         key = KEYS[name]
-        number = key.kind == "number"
+        number = key.kind is float
         kind = data.draw(st.sampled_from(["published", "smallest", "measured"]))
         interval = (0.25, 0.5) if number and data.draw(st.booleans()) else None
         if number and name != "threshold" and data.draw(st.booleans()):
             sources[name] = Source("only a bound", "bound", (0.25, math.inf))
             continue
-        values[FIELDS[name]] = data.draw(values_of(key))
+        values[key.field] = data.draw(values_of(key))
         if key.part != "name":
             sources[name] = Source(
                 data.draw(st.sampled_from(["a page", 'a "b"\\c'])), kind, interval
@@ -385,4 +383,4 @@ def test_fields_have_the_names_and_defaults_of_the_model():
     assert {*theirs} - {*ours} == {"dark_level", "cutoff_reference"}
     for name in {*theirs} - known:
         assert ours[name] == theirs[name], name
-    assert {*FIELDS.values()} <= {*ours}
+    assert {key.field for key in KEYS.values()} <= {*ours}

@@ -9,7 +9,7 @@ import pytest
 from eres_render import load_scene
 from eres_render.random_scenes.random_scene import MAX_LIGHT
 from sensor import SensorError, SensorModel, find_camera, plain_camera, read_camera
-from sensor.cameras.camera import FIELDS, KEYS
+from sensor.cameras.camera import KEYS
 from tasks.cli.camera_options import CameraOptions
 from tasks.errors import TaskError
 from tasks.events.simulation import warn_of_fill_factor
@@ -40,12 +40,12 @@ def test_without_options_a_camera_is_plain():
 
 def test_each_key_has_an_option_that_wins():
     """Promise: every number of a camera can be given by hand, whatever --sensor states."""
-    numbers = {name: key for name, key in KEYS.items() if key.kind in ("number", "integer")}
+    numbers = {name: key for name, key in KEYS.items() if key.kind in (float, int)}
     numbers = {name: key for name, key in numbers.items() if key.part != "name"}
     for name in set(numbers) - {"width", "height", "illuminance", "cutoff", "fifo"}:
         found = camera(sensor="davis346", **{name: 1.0})
-        assert getattr(found, FIELDS[name]) == KEYS[name].units.get("Mev/s", float)(1.0), name
-        others = {FIELDS[name], "sources"} | (
+        assert getattr(found, KEYS[name].field) == KEYS[name].units.get("Mev/s", float)(1.0), name
+        others = {KEYS[name].field, "sources"} | (
             {"contrast_threshold_off"} if name == "threshold" else set()
         )
         for one in {one.name for one in dataclasses.fields(found)} - others:
