@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from sensor.cameras import EventCamera, plain_camera
+from sensor import EventCamera, plain_camera
 from tasks.fitting.fit import Evidence, Found, fit
 from tasks.recording.frames import open_frames
 

@@ -16,8 +16,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sensor.cameras import (
-        EventCamera,
+    from sensor.cameras.camera import EventCamera
+    from sensor.cameras.files import (
         camera_names,
         find_camera,
         plain_camera,
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 # Names are imported on first use (PEP 562): the command line starts without SciPy and Numba.
 _NAMES = {
-    "cameras": "EventCamera camera_names find_camera plain_camera read_camera write_camera",
+    "cameras.camera": "EventCamera",
+    "cameras.files": "camera_names find_camera plain_camera read_camera write_camera",
     "encoding": "to_linear",
     "errors": "EventError EventFormatError SensorError",
     "events": "Events",

@@ -73,6 +73,7 @@ random_start
         Cutoff of the photoreceptor in `illuminance_lux`, or in any light if that is None, Hz.
     cutoff_follows_light
         Whether the cutoff of a pixel is proportional to its own light; white has the camera's.
+        With the photoreceptor "v2e" it always is.
     illuminance_lux
         Light on the scene for which cutoff and shot noise hold, lux.
     like
@@ -155,10 +156,7 @@ random_start
     )
     like: str = in_file("dvs128", "camera that lends its cutoff per lux")
     area_exponent: float = in_file(
-        0.0,
-        "exponent of the photodiode's area in a cutoff that is lent",
-        most=1.0,
-        note="0 by default, at most 1",
+        0.0, "exponent of the photodiode's area in a cutoff that is lent, 0 to 1", most=1.0
     )
     leak_hz: float = in_file(
         0.0,
@@ -224,11 +222,6 @@ random_start
             value = getattr(self, key.field)
             if value is not None and value != key.default:
                 object.__setattr__(self, key.field, key.checked(name, value))
-        if self.cutoff_follows_light and self.photoreceptor == "v2e":
-            raise SensorError(
-                "cutoff_follows_light: must be false with the photoreceptor 'v2e', whose cutoff "
-                "always follows the light"
-            )
         if (self.width is None) != (self.height is None):
             raise SensorError("width, height: give both or neither")
 
@@ -607,29 +600,27 @@ random_start
     def _light_words(
         self, lux: float | Sequence[float] | None, cutoff_hz: float | Sequence[float] | None
     ) -> str:
-        filter_words = {"two_pole": "", "one_pole": "one pole, ", "v2e": "v2e's pole, "}
-        text = filter_words[self.photoreceptor]
-        if self.cutoff_follows_light:
-            text += "following the light of each pixel, "
         asked = lux if lux is not None else self.cutoff_hz if cutoff_hz is None else cutoff_hz
-        finite = [value for value in _several(asked) if math.isfinite(value)]
-        ideal = "ideal pixels" if len(finite) < len(_several(asked)) else ""
-        if not finite:
-            return ideal
-        if lux is None:
-            return ", ".join(filter(None, (ideal, f"{text}cutoff {_listed(finite)} Hz")))
-        text = f"{_listed(finite)} lux: {text}cutoff {_listed(map(self.cutoff_at, finite))} Hz"
-        text = "; ".join(filter(None, (ideal, text)))
-        if not self.borrows_cutoff:
-            return text
-        ends = [
-            f"{_listed(map(replace(self, area_exponent=g).cutoff_at, finite))} Hz at area^{g:g}"
-            for g in (0.0, 1.0)
-            if g != self.area_exponent
-        ]
-        if self.area_um2 is None:
-            ends = ["area unknown"]
-        return f"{text}, lent by {self.like}, area^{self.area_exponent:g} ({', '.join(ends)})"
+        every = [*asked] if isinstance(asked, Sequence) else [asked]
+        finite = [value for value in every if math.isfinite(value)]
+        parts = ["ideal pixels"] if len(finite) < len(every) else []
+        if finite:
+            at = "" if lux is None else f"{_listed(finite)} lux: "
+            poles = {"two_pole": "", "one_pole": "one pole, ", "v2e": "v2e's pole, "}
+            follows = "following the light of each pixel, " if self.cutoff_follows_light else ""
+            cutoffs = finite if lux is None else map(self.cutoff_at, finite)
+            text = f"{at}{poles[self.photoreceptor]}{follows}cutoff {_listed(cutoffs)} Hz"
+            if lux is not None and self.borrows_cutoff:
+                others = [replace(self, area_exponent=g) for g in (0.0, 1.0)]
+                ends = ", ".join(
+                    f"{_listed(map(other.cutoff_at, finite))} Hz at area^{other.area_exponent:g}"
+                    for other in others
+                    if other.area_exponent != self.area_exponent
+                )
+                known = "area unknown" if self.area_um2 is None else ends
+                text += f", lent by {self.like}, area^{self.area_exponent:g} ({known})"
+            parts.append(text)
+        return (", " if lux is None else "; ").join(parts)
 
 
 # Keys that an answer names only if their values are not the defaults.
@@ -637,10 +628,6 @@ _ALSO_SAID = (
     *("threshold_mismatch", "hot_pixels", "hot_pixel_rate", "refractory", "latency"),
     "random_start",
 )
-
-
-def _several(value: float | Sequence[float]) -> list[float]:
-    return [*value] if isinstance(value, Sequence) else [value]
 
 
 def _listed(values: Iterable[float]) -> str:

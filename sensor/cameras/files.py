@@ -245,8 +245,7 @@ def _bus_hz(name: str) -> float:
 
 def _number(name: str, key: Key, value: Any, unit: Any) -> float:
     """Return a number in the unit of the camera's field."""
-    if unit is None:
-        unit = next(iter(key.units))
+    unit = unit or next(iter(key.units))
     expected = f"a number of {unit}".removesuffix(" of 1").replace("of log", "in log units")
     number = real(name, value, expected)
     if number < 0:

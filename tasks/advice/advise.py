@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from eres_render.errors import check_positive
-from sensor.cameras import EventCamera
+from sensor import EventCamera
 from tasks.advice.law import chosen, delay_s, finer_wins, lag_px
 from tasks.advice.stored import Case, stored_cases, stored_cells, stored_windows
 from tasks.errors import TaskError

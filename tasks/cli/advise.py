@@ -89,7 +89,7 @@ def advise(
     window
         Length of the window whose events are added up, s; 0.05 by default, as in the study.
     """
-    from sensor.cameras import find_camera, plain_camera
+    from sensor import find_camera, plain_camera
     from tasks.advice.advise import FOV_DEG, WIDTHS, WINDOW_S, View, fov_of, ladder, line_up
     from tasks.advice.advise import advise as advise_of
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypedDict, TypeVar
 
 from tyro.conf import arg
 
-from sensor.cameras import EventCamera
+from sensor import EventCamera
 from sensor.cameras.camera import KEYS
 from sensor.cameras.fields import Key
 from sensor.cameras.files import camera_of

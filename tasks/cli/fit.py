@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sensor.cameras import EventCamera, find_camera, plain_camera, write_camera
+from sensor import EventCamera, find_camera, plain_camera, write_camera
 from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, ReadOptions

@@ -12,7 +12,7 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 import eres_render
-from sensor.cameras import EventCamera, camera_names, find_camera
+from sensor import EventCamera, camera_names, find_camera
 from sensor.cameras.camera import KEYS
 from sensor.cameras.files import in_unit
 from tasks.cli import terminal

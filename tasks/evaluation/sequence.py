@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
-from sensor.cameras import EventCamera, plain_camera
+from sensor import EventCamera, plain_camera
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.sensor_setting import Setting

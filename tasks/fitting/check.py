@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
-from sensor import Events
-from sensor.cameras import EventCamera
+from sensor import EventCamera, Events
 from sensor.events import concatenate
 from tasks.errors import TaskError
 from tasks.footage import Footage

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
-from sensor import Events, stream_bank
-from sensor.cameras import EventCamera
+from sensor import EventCamera, Events, stream_bank
 from sensor.representations import event_counts
 from tasks.errors import TaskError
 from tasks.fitting.check import Part

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
-from sensor import Events
-from sensor.cameras import EventCamera, Source, plain_camera
-from sensor.cameras.camera import KEYS, Kind
+from sensor import EventCamera, Events, plain_camera
+from sensor.cameras.camera import KEYS, Kind, Source
 from tasks.errors import TaskError
 from tasks.fitting.check import Agreement, Check, compare, parts_of
 from tasks.fitting.darkness import DARK_SHARES, Swept, sweep_dark

@@ -19,7 +19,7 @@ from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
-from sensor.cameras import EventCamera
+from sensor import EventCamera
 from sensor.cameras.files import values_of
 from sensor.model import SensorModel
 from tasks.errors import TaskError

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from eres_render.errors import check_positive
-from sensor.cameras import EventCamera, find_camera
+from sensor import EventCamera, find_camera
 from tasks.errors import TaskError
 
 MAX_SIDE_PX = 1024

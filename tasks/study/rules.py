@@ -27,7 +27,7 @@ from tasks.tracking import KNOT_INTERVAL_S, PATH_S
 
 if TYPE_CHECKING:
     from eres_render import Scene, Trajectory
-    from sensor.cameras import EventCamera
+    from sensor import EventCamera
     from tasks.evaluation.settings import Stretches, TaskSettings
     from tasks.study.settings import Render, Simulate, Study
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
-from sensor.cameras import EventCamera
+from sensor import EventCamera
 from sensor.cameras.camera import BUS_KEYS
 from sensor.levels import DARK_SHARE
 from sensor.model import Photoreceptor, SensorModel, cutoff_in_light

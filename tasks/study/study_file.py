@@ -8,7 +8,7 @@ from typing import Any
 
 from eres_render.errors import suggestion
 from eres_render.storage.settings_reader import check_known, read_toml, read_typed
-from sensor.cameras import EventCamera, find_camera
+from sensor import EventCamera, find_camera
 from sensor.cameras.files import camera_of
 from sensor.errors import SensorError
 from tasks.errors import StudyError, WeightsError

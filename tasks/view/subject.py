@@ -10,7 +10,7 @@ import numpy as np
 
 from eres_render import RadianceSequence, open_sequence
 from eres_render.progress import Progress
-from sensor.cameras import EventCamera, find_camera
+from sensor import EventCamera, find_camera
 from sensor.events import Events, concatenate
 from sensor.formats import Header
 from tasks.errors import TaskError

@@ -230,7 +230,7 @@ def test_what_is_written_is_read(data, tmp_path):
     file keeps to the schema."""
     names = data.draw(st.sets(st.sampled_from([*KEYS])))
     values, sources = {}, {}
-    for name in names - {"width", "height", "cutoff_follows_light"}:
+    for name in names - {"width", "height"}:
         key = KEYS[name]
         number = key.kind is float
         kind = data.draw(st.sampled_from(["published", "smallest", "measured"]))
@@ -299,10 +299,6 @@ def test_a_file_changes_its_base(tmp_path):
         ("random_start = 1", "random_start: found 1, expected true or false"),
         ('photoreceptor = "rc"', "photoreceptor: found 'rc', expected 'two_pole' or"),
         (
-            'photoreceptor = "v2e"\ncutoff_follows_light = true',
-            "cutoff_follows_light: must be false",
-        ),
-        (
             'threshold = { value = 11, unit = "%", source = "s" }',
             "threshold: give threshold_off, too",
         ),
@@ -363,6 +359,8 @@ def test_what_contradicts_itself_is_refused():
         follows.model()
     assert follows.model(cutoff_hz=math.inf).cutoff_reference is None
     assert follows.model(lux=17, white=4.0).cutoff_reference == 4.0
+    v2e = replace(davis, photoreceptor="v2e")  # follows the light in any case
+    assert replace(v2e, cutoff_follows_light=True).model(lux=17) == v2e.model(lux=17)
     assert davis.model(white=4.0, dark_white=10.0).dark_level == 1e-3 * 10.0
     for lux in (0, -1, math.inf, math.nan, "dim"):
         with pytest.raises(SensorError, match="lux: found"):

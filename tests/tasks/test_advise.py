@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from another_process import ROOT, run_python
-from sensor import find_camera
-from sensor.cameras import plain_camera
+from sensor import find_camera, plain_camera
 from tasks.advice.advise import View, advise, fov_of, ladder, line_up
 from tasks.advice.spectrum import MovingImage, read_picture
 from tasks.advice.stored import stored_cells, stored_windows

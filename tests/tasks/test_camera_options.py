@@ -74,7 +74,6 @@ def test_the_later_wins(tmp_path):
         ({"sensor": "nowhere.toml"}, "nowhere.toml: no such file"),
         ({"sensor": "ideal", "lux": 9.0, "cutoff": 9.0}, "give --lux or --cutoff, not both"),
         ({"sensor": "davis346", "resolution": 9}, "give --sensor or --resolution, not both"),
-        ({"electronics": "v2e-noisy", "cutoff_follows_light": True}, "cutoff_follows_light"),
         ({"latency": -1.0}, "latency: found -1"),
         ({"bus": "atis"}, "bus of 'atis' is unknown"),
         ({"bus": "fast"}, "bus: found 'fast'"),

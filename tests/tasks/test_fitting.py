@@ -15,8 +15,17 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from moving_texture import texture_in_motion
-from sensor import EventFormatError, Events, SensorModel, simulate
-from sensor.cameras import EventCamera, find_camera, plain_camera, read_camera, write_camera
+from sensor import (
+    EventCamera,
+    EventFormatError,
+    Events,
+    SensorModel,
+    find_camera,
+    plain_camera,
+    read_camera,
+    simulate,
+    write_camera,
+)
 from sensor.events import concatenate
 from sensor.formats import Triggers, read_events, write_events
 from tasks.errors import TaskError

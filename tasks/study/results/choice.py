@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from sensor.cameras import camera_names, find_camera
+from sensor import camera_names, find_camera
 from tasks.metric import Metric
 from tasks.study.results.asked import MetersPerSecond, SensorId, Series
 from tasks.study.results.intervals import lead_over

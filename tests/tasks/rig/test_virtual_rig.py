@@ -17,8 +17,7 @@ from docs_page import BLOCK, DOCS
 from eres_render import Camera, Distortion, open_sequence
 from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
-from sensor import Events, SensorModel
-from sensor.cameras import read_camera
+from sensor import Events, SensorModel, read_camera
 from sensor.formats import load_events, write_events
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
