@@ -275,7 +275,7 @@ def test_an_extreme_of_true_numbers_is_not_refuted_by_noise() -> None:
 
     def noisy(value: float) -> Callable[[Medians[SceneCell]], np.ndarray]:
         drawn = value + 0.07 * rng.normal(size=DRAWS)
-        return lambda medians: drawn if medians.drawn else np.asarray(value)
+        return lambda medians: np.full(len(medians.parts), value) if medians.parts else drawn
 
     assert outcomes(0.05)[Status.DOES_NOT_HOLD] <= 2
     assert outcomes(-0.3) == {Status.DOES_NOT_HOLD: 20}

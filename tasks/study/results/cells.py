@@ -6,9 +6,9 @@ Every interval of a study uses their bootstrap medians over samples, paths and t
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,15 +67,7 @@ class Cell:
         """
         if not self.complete or self.samples < MIN_SAMPLES_FOR_INTERVAL:
             return None
-        each = [np.median(self.of_sample(i).values) for i in range(self.samples)]
-        return effective_samples(np.array(each), self.paths)
-
-    def of_sample(self, sample: int, count: int = 1) -> Cell:
-        """Return the values of one sample, or of several from that on."""
-        here = (sample <= self.sample) & (self.sample < sample + count)
-        names = "values", "event_rates_hz", "failed", "sample", "training"
-        chosen: dict[str, Any] = {name: getattr(self, name)[here] for name in names}
-        return replace(self, **chosen)
+        return effective_samples(self.medians_of(self.values, [1] * self.samples), self.paths)
 
     @cached_property
     def event_rate_hz(self) -> float | None:
@@ -90,27 +82,34 @@ class Cell:
     @cached_property
     def resampled(self) -> NDArray[np.float64]:
         """Median scores of bootstrap draws of samples and trainings, (draws,) float64."""
-        return self.resampled_of(self.values)
+        return self.medians_of(self.values)
 
     @cached_property
     def rates(self) -> Cell:
         """The event rates of the whole sensor, events per second, in place of the scores."""
         return replace(self, values=self.event_rates_hz)
 
-    def resampled_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (DRAWS,) medians of (N,) values; samples and trainings are drawn with replacement.
+    def medians_of(
+        self, values: NDArray[np.float64], parts: Sequence[int] = ()
+    ) -> NDArray[np.float64]:
+        """Return medians of (N,) values: of (DRAWS,) draws of samples and trainings.
 
-        A sample is drawn with all its values, which share frames and events; so is a training,
-        whose values share weights. Of several paths, which differ in the seeds of their scene,
-        paths are drawn first, and samples within each. The draws depend only on the scene and on
-        the numbers of samples, paths and trainings, so cells with the same samples have paired
-        draws; trainings are drawn alike for all scenes.
+        They are drawn with replacement; a sample with all its values, which share frames and
+        events; so is a training, whose values share weights. Of several paths, which differ in the
+        seeds of their scene, paths are drawn first, and samples within each. The draws depend only
+        on the scene and on the numbers of samples, paths and trainings, so cells with the same
+        samples have paired draws; trainings are drawn alike for all scenes. With `parts`, nothing
+        is drawn: medians are of consecutive parts of so many samples, (len(parts),).
         """
         order = np.argsort(values, kind="stable")
-        counts = _counts(self.scene, self.samples)
-        if self.paths[1:]:
-            counts = _clustered(self.scene, self.paths)
-        of_trainings = _counts("trainings", self.trainings)
+        if parts:
+            counts = np.repeat(np.eye(len(parts), dtype=np.int64), parts, axis=1)
+            of_trainings = np.ones((len(parts), self.trainings), np.int64)
+        else:
+            counts = _counts(self.scene, self.samples)
+            if self.paths[1:]:
+                counts = _clustered(self.scene, self.paths)
+            of_trainings = _counts("trainings", self.trainings)
         held = np.zeros((self.samples, self.trainings), np.int64)  # values of each pair
         np.add.at(held, (self.sample, self.training), 1)
         totals = (counts @ held * of_trainings).sum(axis=1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -85,26 +86,26 @@ Values = Mapping[Key, NDArray[np.float64]]
 class Medians(Generic[Key]):
     """Medians of cells, and of quantities computed from their values one by one.
 
-    With `drawn` there is a median for each bootstrap draw, (draws,), otherwise of all values, ().
+    There is one for each of `parts`, consecutive parts of so many samples, (len(parts),), or for
+    each bootstrap draw, (draws,), if there are none.
     """
 
     cells: Mapping[Key, Cell]
     sign: float = 1.0
-    drawn: bool = False
+    parts: Sequence[int] = ()
 
     def __getitem__(self, key: Key) -> NDArray[np.float64]:
         cell = self.cells[key]
-        return np.asarray(self.sign * (cell.resampled if self.drawn else np.median(cell.values)))
+        found = cell.medians_of(cell.values, self.parts) if self.parts else cell.resampled
+        return self.sign * found
 
     def of(
         self, each: Callable[[Values[Key]], NDArray[np.float64]], keys: Sequence[Key]
     ) -> NDArray[np.float64]:
-        """Return the median, () or (draws,), of a function of the (N,) values of cells."""
+        """Return the medians of a function of the (N,) values of cells."""
         values = each({key: self.sign * self.cells[key].values for key in keys})
-        if not self.drawn:
-            return np.asarray(np.median(values))
         cell = max((self.cells[key] for key in keys), key=lambda cell: cell.trainings)
-        return cell.resampled_of(values)
+        return cell.medians_of(values, self.parts)
 
     def difference(self, key: Key, other: Key) -> NDArray[np.float64]:
         """Return the median of the differences between the values of two cells."""
@@ -126,36 +127,29 @@ def estimate(
     effective samples are computed from the statistic of each sample alone, and add up over scenes.
     """
 
-    def mean(drawn: bool) -> NDArray[np.float64]:
-        each = [statistic(Medians(cells, sign, drawn)) for cells in scenes]
+    def of(cells: Mapping[Key, Cell], parts: Sequence[int] = ()) -> NDArray[np.float64]:
+        return statistic(Medians(cells, sign, parts))
+
+    def mean(each: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         mean_of_all = np.mean(each, axis=0)
         return np.where(np.abs(mean_of_all) < LAST_BITS, 0.0, mean_of_all)
 
-    value = float(mean(drawn=False))
+    first_cells = [(cells, next(iter(cells.values()))) for cells in scenes]
+    value = mean([of(cells, [first.samples]) for cells, first in first_cells]).item()
     every = [cell for cells in scenes for cell in cells.values()]
     number = min(cell.samples for cell in every)
     if number < MIN_SAMPLES_FOR_INTERVAL:
         return Interval(value, None, None)
-    ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
+    ends = np.quantile(mean([of(cells) for cells in scenes]), [tails[0], 1 - tails[1]])
     groups = max(cell.trainings for cell in every), min(len(cell.paths) for cell in every)
     number = min([number, *(group for group in groups if group > 1)])
     low, high = value + (ends - value) * [widening(number, tail) for tail in tails]
     worth = samples = 0.0
-    for cells in scenes:
-        first = next(iter(cells.values()))
-
-        def of_parts(counts: Sequence[int], cells: Mapping[Key, Cell] = cells) -> list[float]:
-            starts = np.cumsum([0, *counts[:-1]]).tolist()
-            parts = [
-                {key: cell.of_sample(start, count) for key, cell in cells.items()}
-                for start, count in zip(starts, counts, strict=True)
-            ]
-            return [float(statistic(Medians(part, sign))) for part in parts]
-
-        n = effective_samples(np.array(of_parts([1] * first.samples)), first.paths)
+    for cells, first in first_cells:
+        n = effective_samples(of(cells, [1] * first.samples), first.paths)
         worth, samples = worth + n, samples + (first.samples if n > 1 else n)
     one_scene = len(scenes) == 1 and len(first.paths) > 1
-    spread = float(np.std(of_parts(first.paths), ddof=1)) if one_scene else None
+    spread = float(np.std(of(cells, first.paths), ddof=1)) if one_scene else None
     return Interval(value, float(low), float(high), worth, samples, spread)
 
 
@@ -165,6 +159,7 @@ def lead_over(cell: Cell, other: Cell, sign: float) -> Interval:
     return estimate(lambda medians: medians.difference("cell", "other"), cells, sign=sign)
 
 
+@lru_cache
 def widening(number: int, tail: float) -> float:
     """Return how much wider an interval is than its draws of samples, paths or trainings.
 
