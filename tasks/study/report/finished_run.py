@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from eres_render.scene.scene import name_and_seed
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
@@ -130,13 +131,16 @@ class FinishedRun:
 
     @cached_property
     def previews(self) -> dict[str, list[Preview]]:
-        """Return the pictures of each scene, by falling cutoff, then rising speed and sensor."""
+        """Return the pictures of the first seed of each scene, by falling cutoff, then rising speed
+        and sensor."""
         index = self.folder / "previews" / INDEX_NAME
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         lit = [replace(entry, cutoff_hz=_light_of(entry)) for entry in entries]
         lit.sort(key=lambda each: (-each.cutoff_hz, each.speed, sensor_of(each)))
-        scenes = dict.fromkeys(entry.scene for entry in entries)
-        return {scene: [entry for entry in lit if entry.scene == scene] for scene in scenes}
+        first: dict[str, str] = {}
+        for entry in entries:
+            first.setdefault(name_and_seed(entry.scene)[0], entry.scene)
+        return {scene: [each for each in lit if each.scene == scene] for scene in first.values()}
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
