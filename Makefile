@@ -34,6 +34,7 @@ answers: .venv/.ready
 	$(BIN)/python docs/answers.py docs/results/firenet docs/learned.md
 	$(BIN)/python docs/answers.py docs/results/firenet_slider docs/virtual_slider.md
 	$(BIN)/python docs/answers.py docs/results/paper-v2e docs/v2e.md
+	$(BIN)/python docs/answers.py docs/results/paper-seeds docs/seeds.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

@@ -42,6 +42,7 @@ PAGES = {
     "firenet": "docs/learned.md",
     "firenet_slider": "docs/virtual_slider.md",
     "paper-v2e": "docs/v2e.md",
+    "paper-seeds": "docs/seeds.md",
 }
 PAGES_OF_THE_PAPER = "README.md", "docs/results.md", "docs/results_run.md"
 
