@@ -20,6 +20,7 @@ from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
 from tasks.row import Row
 from tasks.study.report import write_report
+from tasks.study.report.finished_run import read_run
 from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
@@ -409,6 +410,17 @@ def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
     with pytest.raises(ResultError, match=re.escape(file)):
         write_report(tmp_path)
     assert not (tmp_path / "report.html").exists()
+
+
+def test_pictures_are_of_one_seed_of_each_scene(tmp_path: Path) -> None:
+    """Promise: those of fifteen scenes, five seeds of three, fit into a report."""
+    make_run(tmp_path, paper_rows(samples=1))
+    add_previews(tmp_path)
+    index = tmp_path / "previews" / "index.json"
+    entry, *_ = json.loads(index.read_text())
+    scenes = "carpet@1", "carpet", "rocks", "rocks@3"
+    index.write_text(json.dumps([{**entry, "scene": scene} for scene in scenes]))
+    assert [*read_run(tmp_path).previews] == ["carpet@1", "rocks"]
 
 
 def test_damaged_files_are_named(tmp_path: Path) -> None:
