@@ -10,35 +10,12 @@ _TOGETHER = 64  # points at a time, so that their pixels stay in the L1 cache
 
 
 @jit_contract
-def sample(image, x_px, y_px):
-    """Interpolate an image (H, W) and its gradient at a point, by Catmull-Rom in both directions.
-
-    The gradient is continuous. Outside the image, the outermost pixels are repeated.
-    """
-    height, width = image.shape
-    column, row = x_px - 0.5, y_px - 0.5
-    x0 = int(column) if column >= 0 else int(column) - 1
-    y0 = int(row) if row >= 0 else int(row) - 1
-    wx, gx = _weights(column - x0), _slopes(column - x0)
-    wy, gy = _weights(row - y0), _slopes(row - y0)
-    value, dx, dy = 0.0, 0.0, 0.0
-    xa, xb = min(max(x0 - 1, 0), width - 1), min(max(x0, 0), width - 1)
-    xc, xd = min(max(x0 + 1, 0), width - 1), min(max(x0 + 2, 0), width - 1)
-    for j in range(4):
-        y = min(max(y0 + j - 1, 0), height - 1)
-        line, slope = _line(image[y, xa], image[y, xb], image[y, xc], image[y, xd], wx, gx)
-        value += wy[j] * line
-        dy += gy[j] * line
-        dx += wy[j] * slope
-    return value, dx, dy
-
-
-@jit_contract
 def sample_all(image, x_px, y_px, out):
-    """Interpolate an image (H, W) as `sample`, at (N,) points, pixel centers at integers + 0.5.
+    """Interpolate an image (H, W) and its gradient at (N,) points, by Catmull-Rom in both axes.
 
-    `out` (3, N) gets the value, d/dx and d/dy. Pixels are read before the arithmetic, which is then
-    vectorized.
+    Pixel centers are at integers + 0.5, and the gradient is continuous. Outside the image, the
+    outermost pixels are repeated. `out` (3, N) gets the value, d/dx and d/dy. Pixels are read
+    before the arithmetic, which is then vectorized.
     """
     pixels, f = np.empty((16, _TOGETHER)), np.empty((2, _TOGETHER))
     for start in range(0, x_px.size, _TOGETHER):

@@ -1,4 +1,4 @@
-"""The cumulative cubic B-spline at many times, with derivatives by its control poses, jitted.
+"""The cumulative cubic B-spline at many times of a segment, with derivatives by its control poses.
 
 The spline is that of `eres_render.Trajectory` with evenly spaced knots, split SO(3) x R^3 (Mueggler
 et al., "Continuous-Time Visual-Inertial Odometry for Event Cameras", T-RO 2018, eq. 5):
@@ -10,21 +10,31 @@ with Omega_j the rotation vector from control pose j - 1 to j, and control poses
 first of the four that determine the pose at t. Rotations are perturbed on the left, in the world:
 R <- Exp(delta) R. The derivatives are those of Sommer et al., "Efficient Derivative Computation for
 Cumulative B-Splines on Lie Groups" (CVPR 2020), for that side.
+
+Only vectors are turned, by v + a [w] v + b [w]^2 v, so that the loops over times, the last axis of
+each array, are vectorized.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-import numpy as np
-
-from tasks.numerics.compiling import jit_contract
-
-COLUMNS = 52
-"""Columns of a row of `tabulate`: R (9), p (3), 4 weights of positions, 4 (3, 3) of rotations."""
+from tasks.numerics.compiling import inlined, jit_contract_in_place
+from tasks.numerics.vectors import Matrix, Vector, cross, mixed, rows_of, times, transposed_times
 
 
-@jit_contract
+class Segment(NamedTuple):
+    """What determines the poses between two knots, for j = 1, 2, 3; matrices are three rows."""
+
+    p: Vector  # p_0
+    steps: Matrix  # p_j - p_(j-1)
+    turns: Matrix  # Omega_j
+    R: Matrix  # R_0
+    back: tuple[Matrix, Matrix, Matrix]  # R_(j-1) J_l^-T(Omega_j)
+
+
+@jit_contract_in_place
 def _coefficients(squared):
     """Return sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 for a^2, by series near 0."""
     if squared < 1e-4:
@@ -41,40 +51,26 @@ def _coefficients(squared):
     )
 
 
-@jit_contract
-def _polynomial(x, y, z, a0, a1, a2, out):
-    """Write a0 I + a1 [w] + a2 [w]^2 into out, where [w] is the cross product with (x, y, z)."""
-    out[0, 0] = a0 - a2 * (y * y + z * z)
-    out[1, 1] = a0 - a2 * (x * x + z * z)
-    out[2, 2] = a0 - a2 * (x * x + y * y)
-    out[0, 1] = a2 * x * y - a1 * z
-    out[1, 0] = a2 * x * y + a1 * z
-    out[0, 2] = a2 * x * z + a1 * y
-    out[2, 0] = a2 * x * z - a1 * y
-    out[1, 2] = a2 * y * z - a1 * x
-    out[2, 1] = a2 * y * z + a1 * x
-
-
-@jit_contract
-def _inverse_left_jacobian(omega, out):
-    """Write J_l^-1 of a rotation vector: Exp(e) Exp(w) = Exp(w + J_l^-1(w) e)."""
-    x, y, z = omega[0], omega[1], omega[2]
-    squared = x * x + y * y + z * z
+@jit_contract_in_place
+def _back(R, omega):
+    """Return R J_l^-T(omega), where Exp(e) Exp(w) = Exp(w + J_l^-1(w) e)."""
+    squared = omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2
     a, b, _ = _coefficients(squared)
     c = 1.0 / 12.0 + squared / 720.0 if squared < 1e-4 else (1.0 - 0.5 * a / b) / squared
-    _polynomial(x, y, z, 1.0, -0.5, c, out)
+    first, second, third = R
+    return _back_row(first, omega, c), _back_row(second, omega, c), _back_row(third, omega, c)
 
 
-@jit_contract
-def _multiply(A, B, out):
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+@jit_contract_in_place
+def _back_row(v, omega, c):
+    """Return J_l^-1 v, a row v of R times J_l^-T."""
+    once = cross(omega, v)
+    return mixed(1.0, v, -0.5, once, c, cross(omega, once))
 
 
-@jit_contract
-def tabulate(R, p, omega, interval_us, wanted):
-    """Compute the spline at the requested microseconds of its duration.
+@jit_contract_in_place
+def segment_after(R, p, omega, s):
+    """Return the `Segment` whose first control pose is s.
 
     Parameters
     ----------
@@ -82,69 +78,118 @@ def tabulate(R, p, omega, interval_us, wanted):
         (M, 3, 3), (M, 3): rotations and positions of the control poses.
     omega
         (M - 1, 3): rotation vectors of `R[j].T @ R[j + 1]`.
-    interval_us
-        Microseconds from knot to knot.
-    wanted
-        (T,) bool, one for each microsecond of at most M - 3 intervals. Rows that are not wanted are
-        not initialized.
-
-    Returns
-    -------
-    segment
-        (T,) int64: the first of the four control poses that determine the pose.
-    table
-        (T, 52) float64: R(t) row by row, p(t), then for each of the four the weight w with
-        dp(t) = w dp_c, then for each the (3, 3) matrix D with delta(t) = D delta_c.
+    s
+        0 to M - 4.
     """
-    segment = np.empty(wanted.size, np.int64)
-    table = np.empty((wanted.size, COLUMNS))
-    before = np.empty((3, 3, 3))  # J_l^-1(Omega_j) R_(j-1)^T of the segment
-    J, A, M, B = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    S, next_S = np.empty((3, 3)), np.empty((3, 3))
-    current = -1
-    # Entry by entry: views and array expressions would take most of the time.
-    for row in range(wanted.size):
-        if not wanted[row]:
-            continue
-        s = int(row / interval_us)
-        if s != current:
-            current = s
-            for j in range(3):
-                _inverse_left_jacobian(omega[s + j], J)
-                _multiply(J, R[s + j].T, before[j])
-        segment[row] = s
-        u = row / interval_us - s
-        B[0] = (5.0 + u * (3.0 + u * (u - 3.0))) / 6.0
-        B[1] = (1.0 + u * (3.0 + u * (3.0 - 2.0 * u))) / 6.0
-        B[2] = u * u * u / 6.0
-        for i in range(3):
-            position = p[s, i]
-            for j in range(3):
-                position += B[j] * (p[s + j + 1, i] - p[s + j, i])
-            table[row, 9 + i] = position
-        table[row, 12], table[row, 13] = 1.0 - B[0], B[0] - B[1]
-        table[row, 14], table[row, 15] = B[1] - B[2], B[2]
-        for i in range(3):
-            for k in range(3):
-                S[i, k] = R[s, i, k]  # R_0 Exp(B_1 Omega_1) ... so far
-                table[row, 16 + 3 * i + k] = 1.0 if i == k else 0.0
-        for j in range(3):
-            # M_j = S B_j J_l(B_j Omega_j) J_l^-1(Omega_j) R_(j-1)^T:
-            # how a turn of control j relative to control j - 1 turns R(t), in the world.
-            x, y, z = B[j] * omega[s + j, 0], B[j] * omega[s + j, 1], B[j] * omega[s + j, 2]
-            a, b, c = _coefficients(x * x + y * y + z * z)
-            _polynomial(x, y, z, B[j], B[j] * b, B[j] * c, J)
-            _multiply(J, before[j], A)
-            _multiply(S, A, M)
-            for i in range(3):
-                for k in range(3):
-                    D = 16 + 9 * j + 3 * i + k
-                    table[row, D] -= M[i, k]
-                    table[row, D + 9] = M[i, k]
-            _polynomial(x, y, z, 1.0, a, b, A)
-            _multiply(S, A, next_S)
-            S, next_S = next_S, S
-        for i in range(3):
-            for k in range(3):
-                table[row, 3 * i + k] = S[i, k]
-    return segment, table
+    R_0, R_1, R_2 = rows_of(R[s]), rows_of(R[s + 1]), rows_of(R[s + 2])
+    turns = rows_of(omega[s : s + 3])
+    return Segment(
+        (p[s, 0], p[s, 1], p[s, 2]),
+        (_step(p, s), _step(p, s + 1), _step(p, s + 2)),
+        turns,
+        R_0,
+        (_back(R_0, turns[0]), _back(R_1, turns[1]), _back(R_2, turns[2])),
+    )
+
+
+@jit_contract_in_place
+def _step(p, s):
+    return p[s + 1, 0] - p[s, 0], p[s + 1, 1] - p[s, 1], p[s + 1, 2] - p[s, 2]
+
+
+@inlined
+def weigh(n, u, segment, weights):
+    """Compute the weights at n times of a segment, which `position`, `turn` and `pull_back` take.
+
+    Parameters
+    ----------
+    u
+        (N,), N >= n: the share of the segment before each time, 0 to 1.
+    weights
+        Written: (12, N), B_1 to B_3, then for each j the three of a turn by B_j Omega_j, as factors
+        of [Omega_j] and its powers.
+    """
+    for k in range(n):
+        s = u[k]
+        weights[0, k] = (5.0 + s * (3.0 + s * (s - 3.0))) / 6.0
+        weights[1, k] = (1.0 + s * (3.0 + s * (3.0 - 2.0 * s))) / 6.0
+        weights[2, k] = s * s * s / 6.0
+    for j in range(3):
+        x, y, z = segment.turns[j]
+        squared = x * x + y * y + z * z
+        for k in range(n):
+            B = weights[j, k]
+            a, b, c = _coefficients(B * B * squared)
+            weights[3 + 3 * j, k] = a * B
+            weights[4 + 3 * j, k] = b * B * B
+            weights[5 + 3 * j, k] = c * B * B * B
+
+
+@inlined
+def position(weights, k, segment):
+    """Return p(t) at the k-th time, a tuple of 3."""
+    x, y, z = mixed(
+        weights[0, k],
+        segment.steps[0],
+        weights[1, k],
+        segment.steps[1],
+        weights[2, k],
+        segment.steps[2],
+    )
+    return segment.p[0] + x, segment.p[1] + y, segment.p[2] + z
+
+
+@inlined
+def turn(n, weights, segment, v):
+    """Multiply a vector at each of n times by R(t), in place; `v` is (3, N)."""
+    for j in range(2, -1, -1):
+        omega = segment.turns[j]
+        for k in range(n):
+            u = v[0, k], v[1, k], v[2, k]
+            once = cross(omega, u)
+            twice = cross(omega, once)
+            v[0, k], v[1, k], v[2, k] = mixed(
+                1.0, u, weights[3 + 3 * j, k], once, weights[4 + 3 * j, k], twice
+            )
+    for k in range(n):
+        v[0, k], v[1, k], v[2, k] = times(segment.R, (v[0, k], v[1, k], v[2, k]))
+
+
+@inlined
+def pull_back(n, weights, segment, q, w, J):
+    """Compute derivatives in the four control poses from those in the pose, at n times.
+
+    Parameters
+    ----------
+    q
+        (3, N): d/dp(t).
+    w
+        (3, N): d/ddelta for R(t) <- Exp(delta) R(t); overwritten.
+    J
+        Written: (24, N), for each control pose d/dp_c, then d/ddelta_c.
+    """
+    for k in range(n):
+        B_1, B_2, B_3 = weights[0, k], weights[1, k], weights[2, k]
+        x, y, z = q[0, k], q[1, k], q[2, k]
+        J[0, k], J[1, k], J[2, k] = (1.0 - B_1) * x, (1.0 - B_1) * y, (1.0 - B_1) * z
+        J[6, k], J[7, k], J[8, k] = (B_1 - B_2) * x, (B_1 - B_2) * y, (B_1 - B_2) * z
+        J[12, k], J[13, k], J[14, k] = (B_2 - B_3) * x, (B_2 - B_3) * y, (B_2 - B_3) * z
+        J[18, k], J[19, k], J[20, k] = B_3 * x, B_3 * y, B_3 * z
+        v = w[0, k], w[1, k], w[2, k]
+        J[3, k], J[4, k], J[5, k] = v
+        w[0, k], w[1, k], w[2, k] = transposed_times(segment.R, v)
+    # A turn of control pose j relative to j - 1 turns R(t), in the world, by
+    # S B_j J_l(B_j Omega_j) J_l^-1(Omega_j) R_(j-1)^T, with S = R_0 Exp(B_1 Omega_1) ... so far.
+    for j in range(3):
+        omega, back = segment.turns[j], segment.back[j]
+        for k in range(n):
+            v = w[0, k], w[1, k], w[2, k]  # S^T d/ddelta
+            once = cross(omega, v)
+            twice = cross(omega, once)
+            a, b, c = weights[3 + 3 * j, k], weights[4 + 3 * j, k], weights[5 + 3 * j, k]
+            x, y, z = times(back, mixed(weights[j, k], v, -b, once, c, twice))
+            J[6 * j + 3, k] -= x
+            J[6 * j + 4, k] -= y
+            J[6 * j + 5, k] -= z
+            J[6 * j + 9, k], J[6 * j + 10, k], J[6 * j + 11, k] = x, y, z
+            w[0, k], w[1, k], w[2, k] = mixed(1.0, v, -a, once, b, twice)

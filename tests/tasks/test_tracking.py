@@ -113,12 +113,29 @@ def winding_path():
     return Trajectory(0.002 * np.arange(-1, 9), controls)
 
 
-def tabulated(path, wanted=None):
-    wanted = np.ones(14_000, bool) if wanted is None else wanted
-    R = np.ascontiguousarray(path.controls[:, :3, :3])
+def spline_at(path, t_us, q=(), w=()):
+    """Return a path's R(t) and p(t), and the derivatives of q . p(t) + w . turn, (N, 10, 6)."""
+    R, p = (np.ascontiguousarray(path.controls[:, :3, k]) for k in (slice(3), 3))
     turns = Rotation.from_matrix(R)
     omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
-    return cumulative_spline.tabulate(R, path.controls[:, :3, 3].copy(), omega, 2000, wanted)
+    T, J = np.empty((len(t_us), 3, 4)), np.zeros((len(t_us), 10, 6))
+    for s in range(7):
+        segment = cumulative_spline.segment_after(R, p, omega, s)
+        these = np.flatnonzero(t_us // 2000 == s)
+        n = len(these)
+        weights, out = np.empty((12, n)), np.empty((24, n))
+        cumulative_spline.weigh(n, t_us[these] / 2000 - s, segment, weights)
+        for axis in range(3):
+            v = np.tile(np.eye(3)[axis][:, None], n)
+            cumulative_spline.turn(n, weights, segment, v)
+            T[these, :, axis] = v.T
+        for k, row in enumerate(these):
+            T[row, :, 3] = cumulative_spline.position(weights, k, segment)
+        if len(q):
+            in_lanes = (np.tile(np.array(v)[:, None], n) for v in (q, w))
+            cumulative_spline.pull_back(n, weights, segment, *in_lanes, out)
+            J[these, s : s + 4] = out.T.reshape(n, 4, 6)
+    return T, J
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -154,42 +171,29 @@ def test_recovers_a_known_path_in_every_trial():
 
 
 def test_spline_is_that_of_the_trajectories():
-    """Promise: the tabulated spline agrees with `eres_render.Trajectory` at every microsecond."""
-    path = winding_path()
-    segment, table = tabulated(path)
-    T = path.pose(1e-6 * np.arange(14_000))
-    np.testing.assert_allclose(table[:, :9].reshape(-1, 3, 3), T[:, :3, :3], atol=1e-12)
-    np.testing.assert_allclose(table[:, 9:12], T[:, :3, 3], atol=1e-12)
-    np.testing.assert_array_equal(segment, np.arange(14_000) // 2000)
-    np.testing.assert_allclose(table[:, 12:16].sum(axis=1), 1.0)
-
-
-def test_spline_is_tabulated_where_wanted():
-    """Promise: a row does not depend on the other rows, nor on the segment before it."""
-    wanted = np.random.default_rng(0).random(14_000) < 0.1
-    wanted[2000:6000] = False  # two segments without any
-    some, every = tabulated(winding_path(), wanted), tabulated(winding_path())
-    for few, all_rows in zip(some, every, strict=True):
-        np.testing.assert_array_equal(few[wanted], all_rows[wanted])
+    """Promise: the spline agrees with `eres_render.Trajectory` at every microsecond."""
+    path, t_us = winding_path(), np.arange(14_000)
+    T, _ = spline_at(path, t_us)
+    np.testing.assert_allclose(T, path.pose(1e-6 * t_us)[:, :3], atol=1e-12)
 
 
 def test_spline_derivatives_are_those_of_its_values():
     """Promise: the pose's derivatives by each control pose agree with differences."""
     path, h = winding_path(), 1e-6
-    segment, table = tabulated(path)
-    for row in (0, 700, 3999, 4000, 9123, 13_999):
-        for control in range(4):
-            for axis in range(3):
-                step = np.zeros((10, 6))
-                step[segment[row] + control, 3 + axis] = h
-                there, back = (search.moved(path, s).pose(1e-6 * row) for s in (step, -step))
-                turn = Rotation.from_matrix(there[:3, :3] @ back[:3, :3].T).as_rotvec() / (2 * h)
-                D = table[row, 16:].reshape(4, 3, 3)[control]
-                np.testing.assert_allclose(D[:, axis], turn, atol=1e-8)
-                step = np.roll(step, -3, axis=1)
-                there, back = (search.moved(path, s).pose(1e-6 * row) for s in (step, -step))
-                moved = (there - back)[axis, 3] / (2 * h)
-                assert table[row, 12 + control] == pytest.approx(moved, abs=1e-8)
+    t_us = np.array([0, 700, 3999, 4000, 9123, 13_999])
+    q, w = np.random.default_rng(1).normal(size=(2, 3))
+    _, J = spline_at(path, t_us, q, w)
+    numeric = np.empty((len(t_us), 60))
+    for i in range(60):
+        step = np.zeros(60)
+        step[i] = h
+        there, back = (
+            search.moved(path, s.reshape(10, 6)).pose(1e-6 * t_us) for s in (step, -step)
+        )
+        turn = Rotation.from_matrix(there[:, :3, :3] @ back[:, :3, :3].transpose(0, 2, 1))
+        moved = (there - back)[:, :3, 3]
+        numeric[:, i] = (moved @ q + turn.as_rotvec() @ w) / (2 * h)
+    np.testing.assert_allclose(J.reshape(-1, 60), numeric, atol=1e-8)
 
 
 def sum_at(sample, path, huber_in_c, joined=1):
@@ -221,19 +225,41 @@ def test_gradient_is_that_of_the_cost(scene, huber_in_c):
     np.testing.assert_allclose(gradient, numeric, atol=1e-5 * scale)
 
 
-def test_hessian_of_one_residual_is_the_square_of_its_jacobian(scene):
+def pair_of(sample, k):
+    """Return a sample of one event and the one before it at its pixel."""
+    names = ("x", "y", "t_us", "t_before_us", "p")
+    pair = replace(sample, **{name: getattr(sample, name)[k - 1 : k + 1].copy() for name in names})
+    pair.t_before_us[0] = -1
+    return pair
+
+
+@pytest.mark.parametrize(("segments_apart", "unknowns"), [(0, 24), (2, 36), (5, 48)])
+def test_hessian_of_one_residual_is_the_square_of_its_jacobian(scene, segments_apart, unknowns):
     """Promise: for one residual, J^T J is g g^T / r^2, since g = J r and the cost is r^2 / 2."""
     sample = sample_of(scene, 0.002, 0)
-    segments_apart = sample.t_us // 2000 - sample.t_before_us // 2000
+    apart = sample.t_us // 2000 - sample.t_before_us // 2000
     in_view = np.abs(sample.y - 0.5 * WIDTH) < 0.4 * WIDTH
-    k = int(np.flatnonzero((sample.t_before_us >= 0) & (segments_apart == 2) & in_view)[0])
-    names = ("x", "y", "t_us", "t_before_us", "p")
-    pair = replace(sample, **{name: getattr(sample, name)[k - 1 : k + 1] for name in names})
-    pair.t_before_us[0] = -1
+    alike = (sample.t_before_us >= 0) & (apart == segments_apart) & in_view
+    pair = pair_of(sample, int(np.flatnonzero(alike)[0]))
     total = sum_at(pair, pair.initial, 1e6)
     expected = np.outer(total.gradient, total.gradient) / (2 * total.cost)
-    assert np.count_nonzero(total.gradient) == 36  # of six control poses
+    assert np.count_nonzero(total.gradient) == unknowns
     np.testing.assert_allclose(total.hessian, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_sums_are_those_of_each_residual_alone(scene):
+    """Promise: how residuals are grouped, by segments and by 64 and 4, changes no sum."""
+    sample = sample_of(scene, 0.002, 0, max_events=1500)
+    later = np.flatnonzero(sample.t_before_us >= 0)
+    alone = [sum_at(pair_of(sample, k), sample.initial, 0.5) for k in later]
+    together = sum_at(sample, sample.initial, 0.5)
+    groups = np.unique([sample.t_us[later] // 2000, sample.t_before_us[later] // 2000], axis=1)
+    assert groups.shape[1] > 20
+    assert len(later) > 64 * groups.shape[1] / 4
+    assert together.outside > 0
+    for field, value in together._asdict().items():
+        expected = sum(getattr(one, field) for one in alone)
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_all_directions_are_seen(scene):
@@ -550,7 +576,9 @@ def test_the_optimum_is_that_of_ceres(scene):
         T = path.pose(1e-6 * t_us)
         points = FLOOR.intersect(T[:, :3, 3], np.einsum("nij,nj->ni", T[:, :3, :3], rays))
         at = CAMERA.project(points @ to_reference[:3, :3].T + to_reference[:3, 3])
-        return np.array([bicubic.sample(sample.log_image, *point)[0] for point in at])
+        out = np.empty((3, len(at)))
+        bicubic.sample_all(sample.log_image, *at.T.copy(), out)
+        return out[0]
 
     def residuals(step):
         """Residuals with squares that sum to twice the robust cost."""

@@ -5,24 +5,26 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eres_render import Trajectory
 from tasks.methods.photometric_tracking.reference_views import Level
 from tasks.methods.photometric_tracking.residuals import Float64, Problem
 from tasks.numerics import bicubic, cumulative_spline
-from tasks.numerics.compiling import jit_contract
+from tasks.numerics.compiling import inlined, jit_contract, jit_contract_in_place
+from tasks.numerics.vectors import cross, dot, mixed, rows_of, times, transposed_times
 
 HUBER_IN_C = 0.5
+_TOGETHER = 64  # residuals at a time
 
 
 class Spline(NamedTuple):
-    """A path at each microsecond, from `cumulative_spline.tabulate`."""
+    """The control poses of a path, as `cumulative_spline.segment_after` takes them."""
 
-    segment: NDArray[np.int64]  # (T,)
-    table: Float64  # (T, 52)
-    controls: int  # M, number of control poses
+    R: Float64  # (M, 3, 3)
+    p: Float64  # (M, 3)
+    omega: Float64  # (M - 1, 3)
+    interval_us: int  # from knot to knot
 
 
 class Loss(NamedTuple):
@@ -42,14 +44,13 @@ class RobustSum(NamedTuple):
 
 
 def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
-    """Sum up the residuals of a problem at a path."""
+    """Sum up the residuals of a problem of `residuals.join_events` at a path."""
     C = problem.contrast_threshold
     R = np.ascontiguousarray(path.controls[:, :3, :3])
     p = np.ascontiguousarray(path.controls[:, :3, 3])
     turns = Rotation.from_matrix(R)
     omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
-    segment, table = cumulative_spline.tabulate(R, p, omega, problem.interval_us, problem.seen_us)
-    spline, loss = Spline(segment, table, len(R)), Loss(C, HUBER_IN_C * C)
+    spline, loss = Spline(R, p, omega, problem.interval_us), Loss(C, HUBER_IN_C * C)
     return RobustSum(*normal_equations(problem.events, problem.geometry, spline, level, loss))
 
 
@@ -64,9 +65,10 @@ def normal_equations(events, geometry, spline, level, loss):
     Parameters
     ----------
     events, geometry
-        The `PixelEvents` and the `Geometry` of a problem.
+        The `PixelEvents` and the `Geometry` of a problem. Each event has one before it at its
+        pixel. Those between the same two segments of the path are together.
     spline
-        The `Spline` at the time of each event.
+        The `Spline`.
     level
         The `Level`; its image is L_l of Eq. (13).
     loss
@@ -78,96 +80,155 @@ def normal_equations(events, geometry, spline, level, loss):
         Unknowns are each control pose's position, then its rotation, on the left.
     """
     x, y, t_us, t_before_us, p = events
-    rays, R_0, p_0, plane = geometry
-    segment, table, controls = spline
-    L = level.image
-    C, huber = loss
-    fx, fy, cx, cy = rays
-    view_fx, view_fy, view_cx, view_cy = level.intrinsics
-    height, width = L.shape
-    n_x, n_y, n_z, offset = plane
-    gradient = np.zeros(6 * controls)
-    H = np.zeros((6 * controls, 6 * controls))
-    J = np.zeros(6 * controls)
-    J_1, J_0 = np.zeros(24), np.zeros(24)
-    cost, outside = 0.0, 0
-    inside_1, L_1, s_1 = False, 0.0, 0
-    for k in range(x.size):
-        # The previous event at this pixel is the one before in the arrays.
-        inside_0, L_0, s_0 = inside_1, L_1, s_1
-        J_0, J_1 = J_1, J_0
-
-        # X = pi^-1(x, Z, K, T(t)): the ray m from p_t through the pixel meets the plane.
-        T = table[t_us[k]]
-        s_1 = segment[t_us[k]]
-        ray_x, ray_y = (x[k] + 0.5 - cx) / fx, (y[k] + 0.5 - cy) / fy
-        m_x = T[0] * ray_x + T[1] * ray_y + T[2]
-        m_y = T[3] * ray_x + T[4] * ray_y + T[5]
-        m_z = T[6] * ray_x + T[7] * ray_y + T[8]
-        towards = n_x * m_x + n_y * m_y + n_z * m_z
-        Z = (offset - n_x * T[9] - n_y * T[10] - n_z * T[11]) / towards
-        X_x = T[9] + Z * m_x - p_0[0]
-        X_y = T[10] + Z * m_y - p_0[1]
-        X_z = T[11] + Z * m_z - p_0[2]
-
-        # x' = pi(X, K, T_0)
-        Y_x = R_0[0, 0] * X_x + R_0[1, 0] * X_y + R_0[2, 0] * X_z
-        Y_y = R_0[0, 1] * X_x + R_0[1, 1] * X_y + R_0[2, 1] * X_z
-        Y_z = R_0[0, 2] * X_x + R_0[1, 2] * X_y + R_0[2, 2] * X_z
-        u, v = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
-        inside_1 = Z > 0.0 and Y_z > 0.0 and 0.5 <= u <= width - 0.5 and 0.5 <= v <= height - 0.5
-        if inside_1:
-            L_1, L_u, L_v = bicubic.sample(L, u, v)
-            # dL/dX in the reference camera, g in the world
-            d_x, d_y = L_u * view_fx / Y_z, L_v * view_fy / Y_z
-            d_z = -(d_x * Y_x + d_y * Y_y) / Y_z
-            g_x = R_0[0, 0] * d_x + R_0[0, 1] * d_y + R_0[0, 2] * d_z
-            g_y = R_0[1, 0] * d_x + R_0[1, 1] * d_y + R_0[1, 2] * d_z
-            g_z = R_0[2, 0] * d_x + R_0[2, 1] * d_y + R_0[2, 2] * d_z
-            # X moves with p_t along the plane, by I - m n^T / (n . m): q = dL/dp_t
-            along = (g_x * m_x + g_y * m_y + g_z * m_z) / towards
-            q_x, q_y, q_z = g_x - along * n_x, g_y - along * n_y, g_z - along * n_z
-            # and by Z times that for a change delta x m of the ray: dL/ddelta = Z m x q
-            w_x = Z * (m_y * q_z - m_z * q_y)
-            w_y = Z * (m_z * q_x - m_x * q_z)
-            w_z = Z * (m_x * q_y - m_y * q_x)
-            for c in range(4):
-                B, D = T[12 + c], T[16 + 9 * c : 25 + 9 * c]
-                J_1[6 * c] = B * q_x
-                J_1[6 * c + 1] = B * q_y
-                J_1[6 * c + 2] = B * q_z
-                J_1[6 * c + 3] = w_x * D[0] + w_y * D[3] + w_z * D[6]
-                J_1[6 * c + 4] = w_x * D[1] + w_y * D[4] + w_z * D[7]
-                J_1[6 * c + 5] = w_x * D[2] + w_y * D[5] + w_z * D[8]
-
-        if t_before_us[k] < 0:
-            continue
-        inside = inside_0 and inside_1
-        r = (L_1 - L_0 if inside else 0.0) - p[k] * C  # Eq. (14) times p_k
-        size = abs(r)
-        if size <= huber:
-            weight = 1.0
-            cost += 0.5 * r * r
-        else:
-            weight = huber / size
-            cost += huber * (size - 0.5 * huber)
-        if not inside:
-            outside += 1
-            continue
-        # Only the control poses of the segments from the earlier event's to this one's matter.
-        first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
-        J[:count] = 0.0
-        for i in range(24):
-            J[count - 24 + i] = J_1[i]
-        for i in range(24):
-            J[i] -= J_0[i]
-        for i in range(count):
-            J_i = weight * J[i]
-            gradient[first + i] += J_i * r
-            row = H[first + i, first : first + count]
-            for j in range(count):  # whole rows take half the time of half rows
-                row[j] += J_i * J[j]
-    for i in range(6 * controls):
-        for j in range(i):
-            H[i, j] = H[j, i]
+    R, positions, omega, interval_us = spline
+    unknowns = 6 * len(R)
+    gradient, H = np.zeros(unknowns), np.zeros((unknowns, unknowns))
+    # Loops over the last axis are vectorized, which takes constant shapes.
+    u, weights = np.empty(_TOGETHER), np.empty((12, _TOGETHER))
+    views, samples = np.empty((2, 11, _TOGETHER)), np.empty((2, 3, _TOGETHER))
+    q, w, J = np.empty((3, _TOGETHER)), np.empty((3, _TOGETHER)), np.empty((2, 24, _TOGETHER))
+    rows, factors = np.zeros(_TOGETHER * 48), np.empty((2, _TOGETHER))
+    g, G = np.empty(48), np.empty(48 * 48)
+    cost, outside, end = 0.0, 0, 0
+    while end < x.size:
+        start, s_0, s_1 = end, t_before_us[end] // interval_us, t_us[end] // interval_us
+        while end < x.size and (
+            t_before_us[end] // interval_us == s_0 and t_us[end] // interval_us == s_1
+        ):
+            end += 1
+        g[:], G[:] = 0.0, 0.0
+        for first in range(start, end, _TOGETHER):
+            n = min(_TOGETHER, end - first)
+            for side in range(2):
+                s, t = (s_1, t_us[first:]) if side else (s_0, t_before_us[first:])
+                segment = cumulative_spline.segment_after(R, positions, omega, s)
+                for k in range(n):
+                    u[k] = t[k] / interval_us - s
+                cumulative_spline.weigh(n, u, segment, weights)
+                view = views[side]
+                _project(n, x[first:], y[first:], weights, segment, geometry, level, view)
+                bicubic.sample_all(level.image, view[0, :n], view[1, :n], samples[side, :, :n])
+                _differentiate(n, samples[side], view, geometry, level, q, w)
+                cumulative_spline.pull_back(n, weights, segment, q, w, J[side])
+            used, cost_of_these = _residuals(n, p[first:], views, samples, J, loss, rows, factors)
+            cost += cost_of_these
+            outside += n - used
+            _add(used, rows, factors, g, G)
+        _spread(g, G, s_0, s_1, gradient, H)
     return cost, gradient, H, outside
+
+
+@inlined
+def _project(n, x, y, weights, segment, geometry, level, view):
+    """Project n pixels into the reference view, at the times of some weights.
+
+    `view` (11, N) gets the point in the reference view, px, and whether the pixel sees it; then the
+    ray m, n . m, Z, and the point in the reference camera.
+    """
+    (fx, fy, cx, cy), R_0, p_0, (n_x, n_y, n_z, offset) = geometry
+    view_fx, view_fy, view_cx, view_cy = level.intrinsics
+    height, width = level.image.shape
+    normal, origin, R = (n_x, n_y, n_z), (p_0[0], p_0[1], p_0[2]), rows_of(R_0)
+    m = view[3:6]
+    # X = pi^-1(x, Z, K, T(t)): the ray m from p_t through the pixel meets the plane.
+    for k in range(n):
+        m[0, k], m[1, k], m[2, k] = (x[k] + 0.5 - cx) / fx, (y[k] + 0.5 - cy) / fy, 1.0
+    cumulative_spline.turn(n, weights, segment, m)
+    for k in range(n):
+        ray = m[0, k], m[1, k], m[2, k]
+        p_t = cumulative_spline.position(weights, k, segment)
+        towards = dot(normal, ray)
+        Z = (offset - dot(normal, p_t)) / towards
+        # x' = pi(X, K, T_0)
+        Y_x, Y_y, Y_z = transposed_times(R, mixed(1.0, p_t, Z, ray, -1.0, origin))
+        a, b = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
+        inside = (Z > 0.0) & (Y_z > 0.0) & (a >= 0.5) & (a <= width - 0.5)
+        inside &= (b >= 0.5) & (b <= height - 0.5)
+        view[0, k], view[1, k] = (a, b) if inside else (0.5, 0.5)
+        view[2, k] = inside
+        view[6, k], view[7, k] = towards, Z
+        view[8, k], view[9, k], view[10, k] = Y_x, Y_y, Y_z
+
+
+@inlined
+def _differentiate(n, sample, view, geometry, level, q, w):
+    """Write the derivatives of n values of the reference view, sampled at `view`, in the pose.
+
+    q (3, N) are those in p_t, and w (3, N) those in a turn of the ray, on the left.
+    """
+    _, R_0, _, (n_x, n_y, n_z, _) = geometry
+    view_fx, view_fy, _, _ = level.intrinsics
+    R = rows_of(R_0)
+    for k in range(n):
+        ray, towards, Z = (view[3, k], view[4, k], view[5, k]), view[6, k], view[7, k]
+        Y_x, Y_y, Y_z = view[8, k], view[9, k], view[10, k]
+        # dL/dX in the reference camera, g in the world
+        d_x, d_y = sample[1, k] * view_fx / Y_z, sample[2, k] * view_fy / Y_z
+        g = times(R, (d_x, d_y, -(d_x * Y_x + d_y * Y_y) / Y_z))
+        # X moves with p_t along the plane, by I - m n^T / (n . m): q = dL/dp_t
+        along = dot(g, ray) / towards
+        q_x, q_y, q_z = g[0] - along * n_x, g[1] - along * n_y, g[2] - along * n_z
+        q[0, k], q[1, k], q[2, k] = q_x, q_y, q_z
+        # and by Z times that for a change delta x m of the ray: dL/ddelta = Z m x q
+        w_x, w_y, w_z = cross(ray, (q_x, q_y, q_z))
+        w[0, k], w[1, k], w[2, k] = Z * w_x, Z * w_y, Z * w_z
+
+
+@jit_contract_in_place
+def _residuals(n, p, views, samples, J, loss, rows, factors):
+    """Write a row of derivatives, 48, and w and w r, for each residual that has derivatives.
+
+    `views`, `samples` and `J` are of the two events of n residuals, the earlier first. Returns how
+    many rows there are, and the cost of all n.
+    """
+    C, huber = loss
+    cost, used = 0.0, 0
+    for k in range(n):
+        inside = views[0, 2, k] + views[1, 2, k] == 2.0
+        r = (samples[1, 0, k] - samples[0, 0, k] if inside else 0.0) - p[k] * C
+        size = abs(r)  # Eq. (14) times p_k
+        cost += 0.5 * r * r if size <= huber else huber * (size - 0.5 * huber)
+        if inside:
+            for i in range(24):
+                rows[48 * used + i] = -J[0, i, k]
+                rows[48 * used + 24 + i] = J[1, i, k]
+            weight = 1.0 if size <= huber else huber / size
+            factors[0, used], factors[1, used] = weight, weight * r
+            used += 1
+    return used, cost
+
+
+@jit_contract_in_place
+def _add(n, rows, factors, g, G):
+    """Add n rows J (48,) to the sums of w r J and of w J J^T, whose upper half is written.
+
+    The factors of a row are w and w r. Four rows at a time read and write the sums once.
+    """
+    for first in range(0, n, 4):
+        for k in range(n, first + 4):
+            factors[0, k] = factors[1, k] = 0.0
+        J = rows[48 * first :]
+        for i in range(48):
+            a, b, c, d = J[i], J[48 + i], J[96 + i], J[144 + i]
+            f = factors[1, first:]
+            g[i] += f[0] * a + f[1] * b + f[2] * c + f[3] * d
+            f = factors[0, first:]
+            a, b, c, d = f[0] * a, f[1] * b, f[2] * c, f[3] * d
+            # The trip counts are constants, so that no rest is left of a vectorized loop.
+            if i < 24:
+                for j in range(48):
+                    G[48 * i + j] += a * J[j] + b * J[48 + j] + c * J[96 + j] + d * J[144 + j]
+            else:
+                for j in range(24, 48):
+                    G[48 * i + j] += a * J[j] + b * J[48 + j] + c * J[96 + j] + d * J[144 + j]
+
+
+@jit_contract_in_place
+def _spread(g, G, s_0, s_1, gradient, H):
+    """Add the sums of residuals between two segments to those of all unknowns."""
+    for i in range(48):
+        row = 6 * s_0 + i if i < 24 else 6 * s_1 + i - 24
+        gradient[row] += g[i]
+        for j in range(48):
+            column = 6 * s_0 + j if j < 24 else 6 * s_1 + j - 24
+            H[row, column] += G[48 * min(i, j) + max(i, j)]

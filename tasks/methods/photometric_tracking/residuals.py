@@ -55,7 +55,6 @@ class Problem(NamedTuple):
 
     events: PixelEvents
     geometry: Geometry
-    seen_us: NDArray[np.bool_]  # (T,) whether each microsecond of the path has an event
     residuals: int
     contrast_threshold: float
     interval_us: int  # from knot to knot
@@ -82,7 +81,6 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
             sample.T_0[:3, 3].copy(),
             np.array([*sample.plane.normal, sample.plane.offset_m]),
         ),
-        seen_us=np.bincount(events.t_us, minlength=duration_us) > 0,
         residuals=residuals,
         contrast_threshold=sample.contrast_threshold,
         interval_us=knots_us(sample.initial)[0],
@@ -103,22 +101,26 @@ def distance_m(sample: TrackingSample) -> float:
 
 
 def join_events(problem: Problem, events: int) -> Problem:
-    """Join consecutive events at a pixel into one, with the sum of their polarities."""
-    if events == 1:
-        return problem
+    """Join consecutive events at a pixel into one, with the sum of their polarities.
+
+    Returns those with one before them, by the segments of the path in which the two are.
+    """
     x, y, t_us, t_before_us, p = problem.events
-    number = np.arange(len(t_us))
-    first = t_before_us < 0
-    since_first = number - np.maximum.accumulate(np.where(first, number, 0))
-    ends = (since_first % events == 0) | np.append(first[1:], True)  # also a pixel's last
-    every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
-    chosen = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
-    first, t_us = first[chosen], t_us[chosen]
-    total = np.cumsum(p, dtype=np.int64)[chosen]  # a pixel's first one does not matter
-    p = np.diff(total, prepend=0).astype(np.int16)
-    t_before_us = np.where(first, -1, np.roll(t_us, 1)).astype(np.int32)
+    if events > 1:
+        number = np.arange(len(t_us))
+        first = t_before_us < 0
+        since_first = number - np.maximum.accumulate(np.where(first, number, 0))
+        ends = (since_first % events == 0) | np.append(first[1:], True)  # also a pixel's last
+        every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
+        chosen = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
+        total = np.cumsum(p, dtype=np.int64)[chosen]  # a pixel's first one does not matter
+        x, y, t_us, first = x[chosen], y[chosen], t_us[chosen], first[chosen]
+        p = np.diff(total, prepend=0).astype(np.int16)
+        t_before_us = np.where(first, -1, np.roll(t_us, 1)).astype(np.int32)
+    later = np.flatnonzero(t_before_us >= 0)
+    segments = t_us[later] // problem.interval_us, t_before_us[later] // problem.interval_us
+    later = later[np.lexsort(segments)]
     return problem._replace(
-        events=PixelEvents(x[chosen], y[chosen], t_us, t_before_us, p),
-        seen_us=np.bincount(t_us, minlength=len(problem.seen_us)) > 0,
-        residuals=int(np.count_nonzero(~first)),
+        events=PixelEvents(x[later], y[later], t_us[later], t_before_us[later], p[later]),
+        residuals=len(later),
     )
