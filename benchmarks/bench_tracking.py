@@ -4,10 +4,9 @@
 
 A texture moves along a diagonal by 7.7 px at 1280 px in 14 ms, that is at 550 px/s. An ideal sensor
 with C = 0.2 sees it from 1.83 m. The initial control poses are 2 and 10 mm off. A pass is the work
-of one step of the Levenberg-Marquardt search: the spline's table, and the cost, gradient and
-Hessian of all events. The result is the fastest run, with its user and system time. The frames are
-interpolated, so their blur changes with time: the errors compare event counts, but do not show the
-accuracy of the method.
+of one step of the Levenberg-Marquardt search: the cost, gradient and Hessian of all events. The
+result is the fastest run, with its user and system time. The frames are interpolated, so their blur
+changes with time: the errors compare event counts, but do not show the accuracy of the method.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from eres_render import Camera, Plane
 from sensor import SensorModel, simulate
 from tasks.methods import photometric_tracking as eppt
 from tasks.methods.photometric_tracking.accumulation import accumulate
-from tasks.methods.photometric_tracking.residuals import problem_of
+from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.tracking import path_at, perturbed, position_error_mm, tracking_sample
 
 FRAMES, DURATION_S, DISTANCE_M, C = 17, 0.014, 1.83, 0.2
@@ -85,7 +84,7 @@ def main() -> None:
                 initial_sigma_m=sigma_m,
                 max_events=max_events,
             )
-            problem, _ = problem_of(sample, 14_000)
+            problem = join_events(problem_of(sample, 14_000)[0], 1)
             (view,) = eppt.pyramid(log_image, camera.K, 0.0)
             answer = eppt.estimate(sample)  # also compiles
             one = fastest(

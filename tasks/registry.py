@@ -326,10 +326,10 @@ TASKS["tracking"] = TaskSpec(
     summary="position error over the first 14 ms, in planar scenes",
     methods={
         "photometric_tracking": _near(
-            "photometric_tracking:estimate", version=2, cost=Cost(path_s=0.13, event_s=2.2e-6)
+            "photometric_tracking:estimate", version=2, cost=Cost(path_s=0.06, event_s=1.1e-6)
         ),
         "photometric_tracking_with_delay": _with_delay(
-            "photometric_tracking:estimate_with_delay", cost=Cost(path_s=0.21, event_s=3.9e-6)
+            "photometric_tracking:estimate_with_delay", cost=Cost(path_s=0.1, event_s=1.9e-6)
         ),
         "initial_path": _baseline("baselines:initial_path"),
     },

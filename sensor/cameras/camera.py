@@ -113,9 +113,7 @@ random_start
     interface: str = in_file("", "its connection to a computer", part="name")
     width: int | None = in_file(None, "width", "px", part="grid")
     height: int | None = in_file(None, "height", "px", part="grid")
-    pitch_um: float | None = in_file(
-        None, "side of a pixel", "um", key="pitch", least=1e-3, most=1e6, part="grid"
-    )
+    pitch_um: float | None = in_file(None, "side of a pixel", least=1e-3, most=1e6, part="grid")
     fill_factor: float | None = in_file(
         None, "light-sensitive share of a pixel's area", "share", part="grid"
     )
@@ -139,46 +137,31 @@ random_start
     cutoff_hz: float = in_file(
         math.inf,
         "corner frequency of each pole of the photoreceptor",
-        "Hz",
-        key="cutoff",
         note="the paper has 200 for day and 50 for night",
     )
     cutoff_follows_light: bool = in_file(
         False, "whether a pixel's cutoff is proportional to its own light"
     )
     illuminance_lux: float | None = in_file(
-        None,
-        "light on the scene for which cutoff and shot noise hold",
-        "lux",
-        key="illuminance",
-        least=POSITIVE,
-        most=1e12,
+        None, "light on the scene for which cutoff and shot noise hold", least=POSITIVE, most=1e12
     )
     like: str = in_file("dvs128", "camera that lends its cutoff per lux")
     area_exponent: float = in_file(
         0.0, "exponent of the photodiode's area in a cutoff that is lent, 0 to 1", most=1.0
     )
     leak_hz: float = in_file(
-        0.0,
-        "rate of ON events of a pixel in constant light",
-        "Hz",
-        key="leak",
-        note="typically 0.1",
+        0.0, "rate of ON events of a pixel in constant light", note="typically 0.1"
     )
-    shot_noise_hz: float = in_file(
-        0.0, "rate of noise events of a pixel in the dark", "Hz", key="shot_noise"
-    )
+    shot_noise_hz: float = in_file(0.0, "rate of noise events of a pixel in the dark")
     shot_noise_exponent: float = in_file(0.5, "fall of the shot noise with the light")
     hot_pixel_fraction: float = in_file(0.0, "share of hot pixels", "share", key="hot_pixels")
     hot_pixel_hz: float = in_file(
-        100.0, "rate of noise events of a hot pixel", "Hz", key="hot_pixel_rate"
+        100.0, "rate of noise events of a hot pixel", key="hot_pixel_rate"
     )
-    refractory_s: float = in_file(0.0, "dead time after an event", "s", key="refractory")
+    refractory_s: float = in_file(0.0, "dead time after an event")
     latency_s: float = in_file(
         0.0,
         "delay from the crossing of a threshold to its event",
-        "s",
-        key="latency",
         note="on top of that of the photoreceptor",
     )
     random_start: bool = in_file(
@@ -192,7 +175,6 @@ random_start
         math.inf,
         "capacity of the bus",
         "Mev/s",
-        key="bus",
         least=POSITIVE,
         part="bus",
         note='"unlimited" for events that leave at once',
@@ -209,8 +191,6 @@ random_start
     row_overhead_s: float = in_file(
         0.0,
         "time to open a row of pixels",
-        "s",
-        key="row_overhead",
         most=1e9,
         part="bus",
         note="the row that has waited longest is read next",

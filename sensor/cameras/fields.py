@@ -41,6 +41,7 @@ _UNITS: dict[str, dict[str, Convert]] = {
     "events": {"events": float},
     "Mev/s": {"Mev/s": _times(1e6), "ev/s": _times(1)},
 }
+_SUFFIXES = {"hz": "Hz", "s": "s", "um": "um", "lux": "lux"}  # of fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,12 +111,10 @@ class Key:
         return read(name, value, expected, self.least, self.most)
 
 
-def in_file(
-    default: Any, meaning: str, unit: str = "number", *, key: str = "", **facts: Any
-) -> Any:
-    """Return a dataclass field with its key in files, which has the field's name by default."""
-    facts |= {"meaning": meaning, "units": _UNITS[unit]}
-    return field(default=default, metadata={"key": key, "facts": facts})
+def in_file(default: Any, meaning: str, unit: str = "", *, key: str = "", **facts: Any) -> Any:
+    """Return a dataclass field with a key in files: by default its name, without its unit."""
+    facts["meaning"] = meaning
+    return field(default=default, metadata={"key": key, "unit": unit, "facts": facts})
 
 
 def keys_of(described: type) -> dict[str, Key]:
@@ -127,6 +126,8 @@ def keys_of(described: type) -> dict[str, Key]:
         facts = {"kind": str if words else kinds[0], "words": words} | each.metadata["facts"]
         if each.name in BOUNDS:
             facts["least"], facts["most"], _ = BOUNDS[each.name]
-        name = each.metadata["key"] or each.name
-        keys[name] = Key(field=each.name, default=each.default, **facts)
+        name, _, suffix = each.name.rpartition("_")
+        unit = each.metadata["unit"] or _SUFFIXES.get(suffix, "number")
+        name = each.metadata["key"] or (name if suffix in _SUFFIXES else each.name)
+        keys[name] = Key(field=each.name, default=each.default, units=_UNITS[unit], **facts)
     return keys

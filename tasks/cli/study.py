@@ -127,7 +127,7 @@ def study(
         of a camera on a slider, from three distances at three speeds, as in the paper's real data.
         "chip": one chip divided into 128 to 1280 px, with cutoffs that grow with a pixel's area to
         three powers. "paper-v2e": v2e's program on the frames of "paper" at three frame steps, 10
-        samples; about two hours. "paper-seeds": five textures and paths of each scene; about four
+        samples; about two hours. "paper-seeds": five textures and paths of each scene; about three
         hours. "ablations": what the paper leaves open, on 6 samples of each scene.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.

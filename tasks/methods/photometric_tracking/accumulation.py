@@ -85,7 +85,7 @@ def normal_equations(events, geometry, spline, level, loss):
     gradient, H = np.zeros(unknowns), np.zeros((unknowns, unknowns))
     # Loops over the last axis are vectorized, which takes constant shapes.
     u, weights = np.empty(_TOGETHER), np.empty((12, _TOGETHER))
-    views, samples = np.empty((2, 11, _TOGETHER)), np.empty((2, 3, _TOGETHER))
+    projections, samples = np.empty((2, 11, _TOGETHER)), np.empty((2, 3, _TOGETHER))
     q, w, J = np.empty((3, _TOGETHER)), np.empty((3, _TOGETHER)), np.empty((2, 24, _TOGETHER))
     rows, factors = np.zeros(_TOGETHER * 48), np.empty((2, _TOGETHER))
     g, G = np.empty(48), np.empty(48 * 48)
@@ -105,12 +105,15 @@ def normal_equations(events, geometry, spline, level, loss):
                 for k in range(n):
                     u[k] = t[k] / interval_us - s
                 cumulative_spline.weigh(n, u, segment, weights)
-                view = views[side]
-                _project(n, x[first:], y[first:], weights, segment, geometry, level, view)
-                bicubic.sample_all(level.image, view[0, :n], view[1, :n], samples[side, :, :n])
-                _differentiate(n, samples[side], view, geometry, level, q, w)
+                projection = projections[side]
+                _project(n, x[first:], y[first:], weights, segment, geometry, level, projection)
+                column, row = projection[0, :n], projection[1, :n]
+                bicubic.sample_all(level.image, column, row, samples[side, :, :n])
+                _differentiate(n, samples[side], projection, geometry, level, q, w)
                 cumulative_spline.pull_back(n, weights, segment, q, w, J[side])
-            used, cost_of_these = _residuals(n, p[first:], views, samples, J, loss, rows, factors)
+            used, cost_of_these = _residuals(
+                n, p[first:], projections, samples, J, loss, rows, factors
+            )
             cost += cost_of_these
             outside += n - used
             _add(used, rows, factors, g, G)
@@ -119,17 +122,17 @@ def normal_equations(events, geometry, spline, level, loss):
 
 
 @inlined
-def _project(n, x, y, weights, segment, geometry, level, view):
+def _project(n, x, y, weights, segment, geometry, level, projection):
     """Project n pixels into the reference view, at the times of some weights.
 
-    `view` (11, N) gets the point in the reference view, px, and whether the pixel sees it; then the
-    ray m, n . m, Z, and the point in the reference camera.
+    `projection` (11, N) gets the point in the reference view, px, and whether the pixel sees it;
+    then the ray m, n . m, Z, and the point in the reference camera.
     """
     (fx, fy, cx, cy), R_0, p_0, (n_x, n_y, n_z, offset) = geometry
     view_fx, view_fy, view_cx, view_cy = level.intrinsics
     height, width = level.image.shape
     normal, origin, R = (n_x, n_y, n_z), (p_0[0], p_0[1], p_0[2]), rows_of(R_0)
-    m = view[3:6]
+    m = projection[3:6]
     # X = pi^-1(x, Z, K, T(t)): the ray m from p_t through the pixel meets the plane.
     for k in range(n):
         m[0, k], m[1, k], m[2, k] = (x[k] + 0.5 - cx) / fx, (y[k] + 0.5 - cy) / fy, 1.0
@@ -144,15 +147,15 @@ def _project(n, x, y, weights, segment, geometry, level, view):
         a, b = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
         inside = (Z > 0.0) & (Y_z > 0.0) & (a >= 0.5) & (a <= width - 0.5)
         inside &= (b >= 0.5) & (b <= height - 0.5)
-        view[0, k], view[1, k] = (a, b) if inside else (0.5, 0.5)
-        view[2, k] = inside
-        view[6, k], view[7, k] = towards, Z
-        view[8, k], view[9, k], view[10, k] = Y_x, Y_y, Y_z
+        projection[0, k], projection[1, k] = (a, b) if inside else (0.5, 0.5)
+        projection[2, k] = inside
+        projection[6, k], projection[7, k] = towards, Z
+        projection[8, k], projection[9, k], projection[10, k] = Y_x, Y_y, Y_z
 
 
 @inlined
-def _differentiate(n, sample, view, geometry, level, q, w):
-    """Write the derivatives of n values of the reference view, sampled at `view`, in the pose.
+def _differentiate(n, sample, projection, geometry, level, q, w):
+    """Write the derivatives in the pose of n values of the reference view, at a projection.
 
     q (3, N) are those in p_t, and w (3, N) those in a turn of the ray, on the left.
     """
@@ -160,8 +163,12 @@ def _differentiate(n, sample, view, geometry, level, q, w):
     view_fx, view_fy, _, _ = level.intrinsics
     R = rows_of(R_0)
     for k in range(n):
-        ray, towards, Z = (view[3, k], view[4, k], view[5, k]), view[6, k], view[7, k]
-        Y_x, Y_y, Y_z = view[8, k], view[9, k], view[10, k]
+        ray, towards, Z = (
+            (projection[3, k], projection[4, k], projection[5, k]),
+            projection[6, k],
+            projection[7, k],
+        )
+        Y_x, Y_y, Y_z = projection[8, k], projection[9, k], projection[10, k]
         # dL/dX in the reference camera, g in the world
         d_x, d_y = sample[1, k] * view_fx / Y_z, sample[2, k] * view_fy / Y_z
         g = times(R, (d_x, d_y, -(d_x * Y_x + d_y * Y_y) / Y_z))
@@ -175,16 +182,16 @@ def _differentiate(n, sample, view, geometry, level, q, w):
 
 
 @jit_contract_in_place
-def _residuals(n, p, views, samples, J, loss, rows, factors):
+def _residuals(n, p, projections, samples, J, loss, rows, factors):
     """Write a row of derivatives, 48, and w and w r, for each residual that has derivatives.
 
-    `views`, `samples` and `J` are of the two events of n residuals, the earlier first. Returns how
-    many rows there are, and the cost of all n.
+    `projections`, `samples` and `J` are of the two events of n residuals, the earlier first.
+    Returns how many rows there are, and the cost of all n.
     """
     C, huber = loss
     cost, used = 0.0, 0
     for k in range(n):
-        inside = views[0, 2, k] + views[1, 2, k] == 2.0
+        inside = projections[0, 2, k] + projections[1, 2, k] == 2.0
         r = (samples[1, 0, k] - samples[0, 0, k] if inside else 0.0) - p[k] * C
         size = abs(r)  # Eq. (14) times p_k
         cost += 0.5 * r * r if size <= huber else huber * (size - 0.5 * huber)
