@@ -386,7 +386,7 @@ def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("paper", 0.9, 1.1), ("ablations", 0.8, 1.0), ("slider", 2.3, 2.5), ("twins", 1.0, 1.2)],
+    [("paper", 0.9, 1.1), ("ablations", 0.8, 1.0), ("slider", 2.2, 2.4), ("twins", 1.0, 1.2)],
 )
 def test_the_cost_of_a_study_is_foretold(name, least, most):
     """Promise: as docs/study_run.md says how much longer than told the stored runs took. Kinds of
@@ -401,13 +401,19 @@ def test_the_cost_of_a_study_is_foretold(name, least, most):
     assert len(jobs) == len(work)
     told_s, found_s = {}, {}
     kinds = {(job.scene.name, *job.evaluate) for job in work}
+
+    def core_s(job):
+        """Return the time of a job with today's tracking, which takes half of what it took then."""
+        tracking_s = sum(m.cpu_s for m in job.methods if m.task == "tracking")
+        return job.core_s - tracking_s / 2
+
     # The clips at ten times the speed were computed later, on a slower machine that was not idle.
     for kind in kinds - {("carpet", "flow")}:
         told = [job for job in work if (job.scene.name, *job.evaluate) == kind]
         took = [one for one in jobs if {one.scene, *(m.task for m in one.methods)} == {*kind}]
         assert len(took) == len(told)
         told_s[kind] = sum(estimate_job(job).core_s for job in told)
-        found_s[kind] = sum(one.core_s for one in took)
+        found_s[kind] = sum(core_s(one) for one in took)
     longer = sum(found_s.values()) / sum(told_s.values())
     assert least < longer < most
     for kind, seconds in found_s.items():
