@@ -395,7 +395,7 @@ def flow_sample(
         t=t,
         t_before=times_before(pixel.astype(small), t),
         p=window.p,
-        log_image=log_image,
+        log_image=np.ascontiguousarray(log_image),
         contrast_threshold=contrast_threshold,
         center_px=center_px,
         patch=area,

@@ -232,7 +232,7 @@ def tracking_sample(
         t_us=t_us,
         t_before_us=t_before_us,
         p=window.p[order],
-        log_image=log_image,
+        log_image=np.ascontiguousarray(log_image),
         contrast_threshold=contrast_threshold,
         camera=camera,
         plane=plane,
