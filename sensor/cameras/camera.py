@@ -51,43 +51,76 @@ class EventCamera:
     """An event camera.
 
     Fields that are in `SensorModel` too have its meaning, default and source. What is not known has
-    no entry in `sources`.
+    no entry in `sources`. Names end in their units; thresholds are in log units, sizes in px, the
+    bus is in events/s. Lists, options and the schema of files show the first sentence of a field.
 
     Parameters
     ----------
     name
         Its name in tables and rows; "" for a plain sensor.
-    title, supplier, year, interface
-        In words; 0 is an unknown year.
-    width, height
-        Size, px; None for electronics alone.
+    title
+        Name of the camera, in words.
+    supplier
+        Who sells it.
+    year
+        Year of release. 0 is unknown.
+    interface
+        Its connection to a computer.
+    width
+        Width. None, and so the height, for electronics alone.
+    height
+        Height.
     pitch_um
-        Side of a pixel, um; None if it is unknown.
+        Side of a pixel. None if it is unknown.
     fill_factor
-        Light-sensitive share of a pixel's area; acts as 1 if it is None, unknown.
-    contrast_threshold, contrast_threshold_off, threshold_mismatch, photoreceptor, leak_hz, \
-shot_noise_hz, shot_noise_exponent, hot_pixel_fraction, hot_pixel_hz, refractory_s, latency_s, \
-random_start
-        As in `SensorModel`.
+        Light-sensitive share of a pixel's area. It acts as 1 if it is None, unknown.
+    contrast_threshold
+        Contrast threshold of ON events, and of OFF events that have none.
+    contrast_threshold_off
+        Contrast threshold of OFF events.
+    threshold_mismatch
+        Standard deviation of the thresholds between pixels; typically 0.03.
+    photoreceptor
+        Filter of its pixels; v2e's is one pole whose cutoff follows the light of each pixel.
     cutoff_hz
-        Cutoff of the photoreceptor in `illuminance_lux`, or in any light if that is None, Hz.
+        Corner frequency of each pole of the photoreceptor; the paper has 200 for day and 50 for
+        night. It holds in `illuminance_lux`, or in any light if that is None.
     cutoff_follows_light
-        Whether the cutoff of a pixel is proportional to its own light; white has the camera's.
-        With the photoreceptor "v2e" it always is.
+        Whether a pixel's cutoff is proportional to its own light. White has the camera's.
     illuminance_lux
-        Light on the scene for which cutoff and shot noise hold, lux.
+        Light on the scene for which cutoff and shot noise hold.
     like
-        Camera that lends its cutoff per lux to one that states no cutoff.
+        Camera that lends its cutoff per lux. One that states no cutoff needs it.
     area_exponent
-        Exponent of the photodiode's area in a cutoff that is lent, 0 to 1: 0 for a capacitance that
-        grows with the area, 1 for one that does not. Pixels lie between.
+        Exponent of the photodiode's area in a cutoff that is lent, 0 to 1. 0 is for a capacitance
+        that grows with the area, 1 for one that does not; pixels lie between.
+    leak_hz
+        Rate of ON events of a pixel in constant light; typically 0.1.
+    shot_noise_hz
+        Rate of noise events of a pixel in the dark.
+    shot_noise_exponent
+        Fall of the shot noise with the light.
+    hot_pixel_fraction
+        Share of hot pixels.
+    hot_pixel_hz
+        Rate of noise events of a hot pixel.
+    refractory_s
+        Dead time after an event.
+    latency_s
+        Delay from the crossing of a threshold to its event; on top of that of the photoreceptor.
+    random_start
+        Whether memories start at random levels, as in a camera that has been running.
     dark_share
-        Dark level, as a share of the radiance of white.
+        Dark level, as a share of white.
     warm_up
-        How long it sees a scene before a window, in time constants of its photoreceptor.
-    bus_hz, fifo, row_overhead_s
-        As `max_rate_hz`, `fifo_depth` and `row_overhead_s` of `Readout`; inf for events that leave
-        at once.
+        Warm-up before a window, in time constants of the photoreceptor.
+    bus_hz
+        Capacity of the bus; "unlimited" for events that leave at once. That is inf here. `fifo` and
+        this are `fifo_depth` and `max_rate_hz` of `Readout`.
+    fifo
+        Events that can wait for the bus; an event that finds the queue full is lost.
+    row_overhead_s
+        Time to open a row of pixels; the row that has waited longest is read next.
     sources
         Where values are from, by their keys in `sensor.cameras.camera.KEYS`.
 
@@ -107,94 +140,36 @@ random_start
     """
 
     name: str = ""
-    title: str = in_file("", "name of the camera, in words", part="name")
-    supplier: str = in_file("", "who sells it", part="name")
-    year: int = in_file(0, "year of release", least=1900, most=2200, part="name")
-    interface: str = in_file("", "its connection to a computer", part="name")
-    width: int | None = in_file(None, "width", "px", part="grid")
-    height: int | None = in_file(None, "height", "px", part="grid")
-    pitch_um: float | None = in_file(None, "side of a pixel", least=1e-3, most=1e6, part="grid")
-    fill_factor: float | None = in_file(
-        None, "light-sensitive share of a pixel's area", "share", part="grid"
-    )
-    contrast_threshold: float = in_file(
-        0.2,
-        "contrast threshold of ON events, and of OFF events that have none",
-        "log of ON",
-        key="threshold",
-    )
-    contrast_threshold_off: float | None = in_file(
-        None, "contrast threshold of OFF events", "log of OFF", key="threshold_off"
-    )
-    threshold_mismatch: float = in_file(
-        0.0, "standard deviation of the thresholds between pixels", "log", note="typically 0.03"
-    )
-    photoreceptor: Photoreceptor = in_file(
-        "two_pole",
-        "filter of its pixels",
-        note="v2e's is one pole whose cutoff follows the light of each pixel",
-    )
-    cutoff_hz: float = in_file(
-        math.inf,
-        "corner frequency of each pole of the photoreceptor",
-        note="the paper has 200 for day and 50 for night",
-    )
-    cutoff_follows_light: bool = in_file(
-        False, "whether a pixel's cutoff is proportional to its own light"
-    )
-    illuminance_lux: float | None = in_file(
-        None, "light on the scene for which cutoff and shot noise hold", least=POSITIVE, most=1e12
-    )
-    like: str = in_file("dvs128", "camera that lends its cutoff per lux")
-    area_exponent: float = in_file(
-        0.0, "exponent of the photodiode's area in a cutoff that is lent, 0 to 1", most=1.0
-    )
-    leak_hz: float = in_file(
-        0.0, "rate of ON events of a pixel in constant light", note="typically 0.1"
-    )
-    shot_noise_hz: float = in_file(0.0, "rate of noise events of a pixel in the dark")
-    shot_noise_exponent: float = in_file(0.5, "fall of the shot noise with the light")
-    hot_pixel_fraction: float = in_file(0.0, "share of hot pixels", "share", key="hot_pixels")
-    hot_pixel_hz: float = in_file(
-        100.0, "rate of noise events of a hot pixel", key="hot_pixel_rate"
-    )
-    refractory_s: float = in_file(0.0, "dead time after an event")
-    latency_s: float = in_file(
-        0.0,
-        "delay from the crossing of a threshold to its event",
-        note="on top of that of the photoreceptor",
-    )
-    random_start: bool = in_file(
-        False, "whether memories start at random levels, as in a camera that has been running"
-    )
-    dark_share: float = in_file(DARK_SHARE, "dark level, as a share of white", "share", key="dark")
-    warm_up: float = in_file(
-        6.0, "warm-up before a window, in time constants of the photoreceptor", most=1e6
-    )
-    bus_hz: float = in_file(
-        math.inf,
-        "capacity of the bus",
-        "Mev/s",
-        least=POSITIVE,
-        part="bus",
-        note='"unlimited" for events that leave at once',
-    )
-    fifo: int = in_file(
-        4096,
-        "events that can wait for the bus",
-        "events",
-        least=1,
-        most=100_000_000,
-        part="bus",
-        note="an event that finds the queue full is lost",
-    )
-    row_overhead_s: float = in_file(
-        0.0,
-        "time to open a row of pixels",
-        most=1e9,
-        part="bus",
-        note="the row that has waited longest is read next",
-    )
+    title: str = in_file("", part="name")
+    supplier: str = in_file("", part="name")
+    year: int = in_file(0, least=1900, most=2200, part="name")
+    interface: str = in_file("", part="name")
+    width: int | None = in_file(None, "px", part="grid")
+    height: int | None = in_file(None, "px", part="grid")
+    pitch_um: float | None = in_file(None, least=1e-3, most=1e6, part="grid")
+    fill_factor: float | None = in_file(None, "share", part="grid")
+    contrast_threshold: float = in_file(0.2, "log of ON", key="threshold")
+    contrast_threshold_off: float | None = in_file(None, "log of OFF", key="threshold_off")
+    threshold_mismatch: float = in_file(0.0, "log")
+    photoreceptor: Photoreceptor = in_file("two_pole")
+    cutoff_hz: float = in_file(math.inf)
+    cutoff_follows_light: bool = in_file(False)
+    illuminance_lux: float | None = in_file(None, least=POSITIVE, most=1e12)
+    like: str = in_file("dvs128")
+    area_exponent: float = in_file(0.0, most=1.0)
+    leak_hz: float = in_file(0.0)
+    shot_noise_hz: float = in_file(0.0)
+    shot_noise_exponent: float = in_file(0.5)
+    hot_pixel_fraction: float = in_file(0.0, "share", key="hot_pixels")
+    hot_pixel_hz: float = in_file(100.0, key="hot_pixel_rate")
+    refractory_s: float = in_file(0.0)
+    latency_s: float = in_file(0.0)
+    random_start: bool = in_file(False)
+    dark_share: float = in_file(DARK_SHARE, "share", key="dark")
+    warm_up: float = in_file(6.0, most=1e6)
+    bus_hz: float = in_file(math.inf, "Mev/s", least=POSITIVE, part="bus")
+    fifo: int = in_file(4096, "events", least=1, most=100_000_000, part="bus")
+    row_overhead_s: float = in_file(0.0, most=1e9, part="bus")
     sources: Mapping[str, Source] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
@@ -208,9 +183,7 @@ random_start
     @property
     def area_um2(self) -> float | None:
         """Area of a photodiode, um^2; None if pitch or fill factor is unknown."""
-        if self.pitch_um is None or self.fill_factor is None:
-            return None
-        return self.pitch_um**2 * self.fill_factor
+        return self.pitch_um**2 * self.fill_factor if self.pitch_um and self.fill_factor else None
 
     @property
     def borrows_cutoff(self) -> bool:
@@ -259,8 +232,7 @@ random_start
         """Return the camera with another threshold of ON events, log units, in which that of OFF
         events keeps its ratio to it."""
         off = self.contrast_threshold_off
-        if off is not None:
-            off = off * contrast_threshold / self.contrast_threshold
+        off = off and off * contrast_threshold / self.contrast_threshold
         return replace(self, contrast_threshold=contrast_threshold, contrast_threshold_off=off)
 
     def with_electronics(self, other: EventCamera) -> EventCamera:
@@ -276,7 +248,8 @@ random_start
         -------
         EventCamera
         """
-        names = _ELECTRONICS + (BUS_KEYS if other.states("bus") else [])
+        parts = {"electronics", "bus"} if other.states("bus") else {"electronics"}
+        names = [name for name, key in KEYS.items() if key.part in parts]
         taken = {KEYS[name].field: getattr(other, KEYS[name].field) for name in names}
         sources = {name: source for name, source in self.sources.items() if name not in names}
         sources |= {name: source for name, source in other.sources.items() if name in names}
@@ -309,19 +282,16 @@ random_start
 
     def _reference(self) -> tuple[float, float]:
         """Return a cutoff in Hz, and the illuminance in lux for which it holds."""
-        if math.isfinite(self.cutoff_hz) and self.illuminance_lux is not None:
-            return self.cutoff_hz, self.illuminance_lux
         from sensor.cameras.files import find_camera  # which reads cameras
 
-        lender = find_camera(self.like)
-        if not math.isfinite(lender.cutoff_hz) or lender.illuminance_lux is None:
+        lender = find_camera(self.like) if self.borrows_cutoff else self
+        if lender.borrows_cutoff or lender.illuminance_lux is None:
             raise SensorError(
                 f"like: the camera {self.like!r} does not have both a cutoff and an illuminance; "
                 "choose another, such as 'dvs128'"
             )
-        times = 1.0
-        if self.area_um2 is not None and lender.area_um2 is not None:
-            times = (self.area_um2 / lender.area_um2) ** self.area_exponent
+        area, lenders = self.area_um2, lender.area_um2
+        times = (area / lenders) ** self.area_exponent if area and lenders else 1.0
         return lender.cutoff_hz * times, lender.illuminance_lux
 
     def model(
@@ -392,11 +362,11 @@ random_start
     def _noise_factor(self, lux: float) -> float:
         """Return how much more shot noise there is in a light than where the rate holds."""
         at_lux = self.illuminance_lux
-        if at_lux is None and math.isfinite(self.cutoff_hz):
+        if at_lux is None:
+            if math.isinf(self.cutoff_hz):
+                return 1.0
             lent_hz, lent_lux = self._reference()
             at_lux = self.cutoff_hz * lent_lux / lent_hz  # where `like` has this cutoff
-        if at_lux is None:
-            return 1.0
         try:
             return float((lux / at_lux) ** -self.shot_noise_exponent)
         except (OverflowError, ZeroDivisionError):
@@ -542,12 +512,10 @@ random_start
         str
             One line: grid, thresholds with their kind, light and cutoff, dark level, noise, bus.
         """
-        chip = [] if self.width is None else [f"{self.width}x{self.height}"]
-        if self.pitch_um is not None:
-            chip.append(f"{self.pitch_um:g} um")
-        if self.fill_factor is not None:
-            chip.append(f"fill {100 * self.fill_factor:g} %")
-        parts = [", ".join(chip)] if chip else []
+        grid = f"{self.width}x{self.height}" if self.width else ""
+        pitch = f"{self.pitch_um:g} um" if self.pitch_um else ""
+        fill = f"fill {100 * self.fill_factor:g} %" if self.fill_factor else ""
+        parts = [", ".join(filter(None, (grid, pitch, fill)))]
         parts.append(f"C {_listed(thresholds)}" if thresholds else self._threshold_words())
         parts.append(self._light_words(lux, cutoff_hz))
         parts.append(f"dark {100 * self.dark_share:.3g} % of white")
@@ -567,7 +535,7 @@ random_start
         bus = f"bus {self.bus_hz / 1e6:g} Mev/s"
         if math.isinf(self.bus_hz):
             bus = "no bus" if self.states("bus") or not self.name else "bus unknown, unlimited"
-        return f"{self.name or 'plain'}: {'; '.join([*parts, bus])}"
+        return f"{self.name or 'plain'}: {'; '.join(filter(None, (*parts, bus)))}"
 
     def _threshold_words(self) -> str:
         on, off = self.contrast_threshold, self.contrast_threshold_off
@@ -591,11 +559,10 @@ random_start
             cutoffs = finite if lux is None else map(self.cutoff_at, finite)
             text = f"{at}{poles[self.photoreceptor]}{follows}cutoff {_listed(cutoffs)} Hz"
             if lux is not None and self.borrows_cutoff:
-                others = [replace(self, area_exponent=g) for g in (0.0, 1.0)]
+                others = [replace(self, area_exponent=g) for g in {0, 1} - {self.area_exponent}]
                 ends = ", ".join(
                     f"{_listed(map(other.cutoff_at, finite))} Hz at area^{other.area_exponent:g}"
                     for other in others
-                    if other.area_exponent != self.area_exponent
                 )
                 known = "area unknown" if self.area_um2 is None else ends
                 text += f", lent by {self.like}, area^{self.area_exponent:g} ({known})"
@@ -619,8 +586,6 @@ KEYS = keys_of(EventCamera)
 
 BUS_KEYS = [name for name, key in KEYS.items() if key.part == "bus"]
 """Keys that are about its bus."""
-
-_ELECTRONICS = [name for name, key in KEYS.items() if key.part == "electronics"]
 
 
 def _checked_lux(lux: float) -> float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from inspect import cleandoc
 from typing import Any, Literal, get_args, get_type_hints
 
 from sensor.model import BOUNDS
@@ -55,7 +57,7 @@ class Key:
     kind
         float, int, bool or str.
     meaning
-        What its value is, in words.
+        What its value is, in words, from the docstring of the class.
     default
         Its value for a camera that does not state it, in the unit of the field.
     note
@@ -75,7 +77,7 @@ class Key:
     kind: type
     meaning: str
     default: Any
-    note: str = ""
+    note: str
     units: Mapping[str, Convert]
     least: float = 0.0
     most: float = math.inf
@@ -111,19 +113,19 @@ class Key:
         return read(name, value, expected, self.least, self.most)
 
 
-def in_file(default: Any, meaning: str, unit: str = "", *, key: str = "", **facts: Any) -> Any:
+def in_file(default: Any, unit: str = "", *, key: str = "", **facts: Any) -> Any:
     """Return a dataclass field with a key in files: by default its name, without its unit."""
-    facts["meaning"] = meaning
     return field(default=default, metadata={"key": key, "unit": unit, "facts": facts})
 
 
 def keys_of(described: type) -> dict[str, Key]:
     """Return the keys of a dataclass, by name; fields of `SensorModel` have its bounds."""
-    keys, hints = {}, get_type_hints(described)
+    keys, hints, meanings = {}, get_type_hints(described), _meanings(described)
     for each in (each for each in fields(described) if each.metadata):
         kinds = get_args(hints[each.name]) or (hints[each.name],)
         words = kinds if isinstance(kinds[0], str) else ()
         facts = {"kind": str if words else kinds[0], "words": words} | each.metadata["facts"]
+        facts["meaning"], _, facts["note"] = meanings.get(each.name, "").partition("; ")
         if each.name in BOUNDS:
             facts["least"], facts["most"], _ = BOUNDS[each.name]
         name, _, suffix = each.name.rpartition("_")
@@ -131,3 +133,11 @@ def keys_of(described: type) -> dict[str, Key]:
         name = each.metadata["key"] or (name if suffix in _SUFFIXES else each.name)
         keys[name] = Key(field=each.name, default=each.default, units=_UNITS[unit], **facts)
     return keys
+
+
+def _meanings(described: type) -> dict[str, str]:
+    """Return the first sentence of each parameter in the docstring of a class, without its dot."""
+    entries = re.findall(
+        r"^(\w+)\n((?: {4}.*\n)+)", cleandoc(described.__doc__ or ""), re.MULTILINE
+    )
+    return {name: re.split(r"\.(?: |$)", " ".join(text.split()))[0] for name, text in entries}

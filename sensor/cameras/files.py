@@ -6,7 +6,7 @@ import functools
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -163,29 +163,24 @@ def camera_of(
         camera = named if word == "base" else camera.with_electronics(named)
     if "width" in values and "height" not in values:
         values["height"] = values["width"]
-    return _changed(camera, values, name or camera.name)
-
-
-def _changed(camera: EventCamera, table: dict[str, Any], name: str) -> EventCamera:
-    """Return a camera with the values of a table in place of its own."""
-    values: dict[str, Any] = {}
+    changed: dict[str, Any] = {"name": name or camera.name}
     sources = dict(camera.sources)
-    if "threshold" in table and "threshold_off" not in table:
-        unit = table["threshold"].get("unit") if isinstance(table["threshold"], dict) else None
-        if unit == "%":
+    if "threshold" in values and "threshold_off" not in values:
+        on = values["threshold"]
+        if isinstance(on, dict) and on.get("unit") == "%":
             raise SensorError("threshold: give threshold_off, too: rise and fall in % differ")
-        values["contrast_threshold_off"] = None
+        changed["contrast_threshold_off"] = None
         sources.pop("threshold_off", None)
-    for key_name, facts in table.items():
+    for key_name, facts in values.items():
         if key_name not in KEYS:
             raise SensorError(f"{key_name}: unknown; {suggestion(key_name, [*KEYS, *OTHERS])}")
         key = KEYS[key_name]
         value, source = _read(key_name, key, facts)
         if value is not None:
-            values[key.field] = value
+            changed[key.field] = value
         if source is not None:
             sources[key_name] = source
-    return replace(camera, **values, name=name, sources=sources)
+    return replace(camera, **changed, sources=sources)
 
 
 def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
@@ -210,7 +205,7 @@ def _read(name: str, key: Key, facts: Any) -> tuple[Any, Source | None]:
         if key.kind is not float or not (isinstance(interval, list) and len(interval) == 2):
             raise refusal(f"{name}.interval", interval, "two numbers, for a numeric key")
         low, high = (_number(f"{name}.interval", key, end, unit) for end in interval)
-        if not 0 <= low <= high:
+        if low > high:
             raise refusal(f"{name}.interval", interval, "the lower end first")
         ends = low, high
         if "value" not in facts:
@@ -246,11 +241,8 @@ def _bus_hz(name: str) -> float:
 def _number(name: str, key: Key, value: Any, unit: Any) -> float:
     """Return a number in the unit of the camera's field."""
     unit = unit or next(iter(key.units))
-    expected = f"a number of {unit}".removesuffix(" of 1").replace("of log", "in log units")
-    number = real(name, value, expected)
-    if number < 0:
-        raise refusal(name, value, f"{expected}, 0 or more")
-    return key.units[unit](number)
+    words = {"1": "a number", "log": "a number in log units"}.get(unit, f"a number of {unit}")
+    return key.units[unit](real(name, value, f"{words}, 0 or more", 0.0))
 
 
 def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = True) -> None:
@@ -282,22 +274,18 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
     from sensor.formats.new_file import new_file  # here, as formats load libraries
 
     lines = []
-    for name, key in KEYS.items():
-        value, source = getattr(camera, key.field), camera.sources.get(name)
-        if source is None and value == key.default:
+    for name, facts in facts_of(camera):
+        if not facts["kind"] and not camera.states(name):
             continue
-        if source is None or not source.text:
-            lines.append(f"{name} = {_text(in_unit(key, value)[0])}")
-            continue
-        bound = source.kind == "bound"
-        value, unit, ends = in_unit(key, 1.0 if bound else value, source.interval or ())
-        facts: dict[str, Any] = {"unit": unit, "source": source.text}
-        if not bound:
-            facts = {"value": value, **facts, "kind": source.kind}
-        if ends:
-            facts["interval"] = ends
-        inner = ", ".join(f"{word} = {_text(fact)}" for word, fact in facts.items() if fact != "")
-        lines.append(f"{name} = {{ {inner} }}")
+        text = _text(facts["value"])
+        if facts["source"]:
+            skipped = {"value", "kind"} if facts["kind"] == "bound" else set()
+            told = {fact: value for fact, value in facts.items() if fact not in skipped}
+            inner = [
+                f"{fact} = {_text(value)}" for fact, value in told.items() if value not in ("", [])
+            ]
+            text = f"{{ {', '.join(inner)} }}"
+        lines.append(f"{name} = {text}")
     with new_file(Path(file), overwrite=overwrite) as new:
         new.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -312,18 +300,19 @@ def values_of(camera: EventCamera) -> dict[str, Any]:
     return values
 
 
-def in_unit(key: Key, value: Any, interval: Sequence[float] = ()) -> tuple[Any, str, list[float]]:
-    """Return a value, its unit and its interval as a file has them; the unit is "" for words.
-
-    It is the first unit from which the value comes back to the bit.
-    """
-    unit = "" if key.kind in (str, bool) else next(iter(key.units))
-    if key.kind is not float:
-        return value, unit, []
-    if value is not None:
-        unit = next(name for name, up in key.units.items() if up(value / up(1.0)) == value)
-        value /= key.units[unit](1.0)
-    return value, unit, [end / key.units[unit](1.0) for end in interval]
+def facts_of(camera: EventCamera) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each key and what a file has of it: value, unit, source, kind, interval; "" or [] if
+    unknown. The unit is the first from which the value comes back to the bit."""
+    for name, key in KEYS.items():
+        value, source = getattr(camera, key.field), camera.sources.get(name)
+        text, kind, interval = source or ("", "", None)
+        unit = "" if key.kind in (str, bool) else next(iter(key.units))
+        if key.kind is float and value is not None:
+            unit = next(name for name, up in key.units.items() if up(value / up(1.0)) == value)
+            value /= key.units[unit](1.0)
+        ends = [end / key.units[unit](1.0) for end in interval or ()]
+        facts = {"value": value, "unit": unit, "source": text, "kind": kind, "interval": ends}
+        yield name, facts
 
 
 def _text(value: Any) -> str:

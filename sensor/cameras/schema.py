@@ -10,6 +10,13 @@ from sensor.cameras.fields import Key
 from sensor.cameras.files import OTHERS, UNLIMITED, camera_names, find_camera
 from sensor.numbers import FINITE, POSITIVE
 
+_SOURCE = {"type": "string", "minLength": 1}
+_INTERVAL = {
+    "type": "array",
+    "items": {"type": "number", "minimum": 0},
+    "minItems": 2,
+    "maxItems": 2,
+}
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
 
 
@@ -22,31 +29,20 @@ def camera_schema() -> dict[str, Any]:
         "type": "object",
         "additionalProperties": False,
         "properties": others | {name: _property(name, key) for name, key in KEYS.items()},
-        "$defs": {
-            "source": {"type": "string", "minLength": 1},
-            "kind": {"enum": [*KINDS]},
-            "interval": {
-                "type": "array",
-                "items": {"type": "number", "minimum": 0},
-                "minItems": 2,
-                "maxItems": 2,
-            },
-        },
+        "$defs": {"kind": {"enum": [*KINDS]}, "source": _SOURCE, "interval": _INTERVAL},
     }
 
 
 def _property(name: str, key: Key) -> dict[str, Any]:
     unit, scale = next(iter(key.units.items()))
     described = f"{key.meaning}, {unit}" if unit != "1" else key.meaning
-    if key.part == "name":
-        return {"description": described, **_value(key, 1.0)}
     bare, in_table = _value(key, scale(1.0)), _value(key, None)
+    if key.part == "name":
+        return {"description": described, **bare}
     if name == "bus":
-        buses = [
-            UNLIMITED,
-            *(camera for camera in camera_names() if find_camera(camera).bus_hz < math.inf),
-        ]
-        bare, in_table = ({"anyOf": [schema, {"enum": buses}]} for schema in (bare, in_table))
+        cameras = [name for name in camera_names() if find_camera(name).bus_hz < math.inf]
+        buses = {"enum": [UNLIMITED, *cameras]}
+        bare, in_table = {"anyOf": [bare, buses]}, {"anyOf": [in_table, buses]}
     facts = {"value": in_table}
     facts |= {fact: {"$ref": f"#/$defs/{fact}"} for fact in ("source", "kind")}
     if key.kind in (float, int):
@@ -69,10 +65,6 @@ def _value(key: Key, scale: float | None) -> dict[str, Any]:
         return schema
     if scale is None:
         return schema | {"minimum": 0}
-    if key.least == POSITIVE:
-        schema["exclusiveMinimum"] = 0
-    else:
-        schema["minimum"] = key.kind(key.least / scale)
-    if key.most < FINITE:
-        schema["maximum"] = key.kind(key.most / scale)
-    return schema
+    least = "exclusiveMinimum" if key.least == POSITIVE else "minimum"
+    schema[least] = 0 if key.least == POSITIVE else key.kind(key.least / scale)
+    return schema | ({"maximum": key.kind(key.most / scale)} if key.most < FINITE else {})

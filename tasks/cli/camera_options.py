@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, make_dataclass
-from typing import Annotated, Any, Literal, TypedDict, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from tyro.conf import arg
 
@@ -19,17 +19,10 @@ _Options = TypeVar("_Options", bound=type)
 _NO_OPTION = "width", "height", "illuminance"
 
 
-class InLight(TypedDict):
-    """The light of a camera, for `EventCamera.model` and others."""
-
-    lux: float | None
-    cutoff_hz: float | None
-
-
 def _type(name: str, key: Key) -> Any:
     """Return the type of a key's option, with its help."""
     unit = next(iter(key.units)).removesuffix("1") if key.kind is float else ""
-    words = ", ".join(filter(None, (key.meaning[0].upper() + key.meaning[1:], unit)))
+    words = ", ".join(filter(None, (key.meaning, unit)))
     usual = str(key.default).removesuffix(".0")
     usual = "" if usual in ("None", "False", "0", "inf") else f"{usual} by default"
     told = arg(help=f"{'; '.join(filter(None, (words, key.note, usual)))}.")
@@ -83,8 +76,8 @@ class CameraOptions:
         return {name: value for name, value in values if value is not None and value is not False}
 
     @property
-    def light(self) -> InLight:
-        """The light."""
+    def light(self) -> dict[str, Any]:
+        """The light, as arguments of `EventCamera.model` and others."""
         return {"lux": self.lux, "cutoff_hz": self.given.get("cutoff")}
 
     def camera(self, width: int, height: int, *, usual_width: int | None = None) -> EventCamera:

@@ -14,7 +14,7 @@ from tyro.conf import Positional, arg
 import eres_render
 from sensor import EventCamera, camera_names, find_camera
 from sensor.cameras.camera import KEYS
-from sensor.cameras.files import in_unit
+from sensor.cameras.files import facts_of
 from tasks.cli import terminal
 from tasks.cli.app import AsJson
 
@@ -135,29 +135,25 @@ def sensors(
         return
     if as_json:
         names = camera_names() if camera is None else [camera]
-        terminal.show_json({name: dict(_values(find_camera(name))) for name in names})
+        terminal.show_json({name: dict(_facts(find_camera(name))) for name in names})
     elif camera is not None:
         _show(find_camera(camera))
     else:
         table = terminal.Table("sensor", "pixels", "um", "fill", "C, %", "Hz/lux", "noise", "Mev/s")
         for each in map(find_camera, camera_names()):
-            table.add_row(*_facts(each))
+            table.add_row(*_cells(each))
         terminal.show(table)
         terminal.say(_LEGEND)
 
 
-def _values(camera: EventCamera, known: bool = True) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the keys of a camera's file with their facts; with `known`, those with a source."""
-    for name, key in KEYS.items():
-        stored, source = getattr(camera, key.field), camera.sources.get(name)
-        value, unit, ends = in_unit(key, stored, (source and source.interval) or ())
-        facts = {"value": value, "unit": unit, "interval": ends}
-        facts |= {"kind": source.kind if source else "", "source": source.text if source else ""}
-        if key.part != "name" and (source or camera.states(name) or not known):
+def _facts(camera: EventCamera, known: bool = True) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the keys of a camera's file with their facts; with `known`, those that it states."""
+    for name, facts in facts_of(camera):
+        if KEYS[name].part != "name" and (not known or facts["kind"] or camera.states(name)):
             yield name, facts
 
 
-def _facts(camera: EventCamera) -> Iterator[str]:
+def _cells(camera: EventCamera) -> Iterator[str]:
     """Yield the cells of a camera in the list."""
     yield camera.name
     yield "-" if camera.width is None else f"{camera.width}x{camera.height}"
@@ -183,7 +179,7 @@ def _show(camera: EventCamera) -> None:
     about = camera.title or camera.name, str(camera.year or ""), camera.interface
     terminal.say(", ".join(filter(None, about)))
     table = terminal.Table("field", "value", "unit", "95 % interval", "kind", "source")
-    for name, facts in _values(camera, known=False):
+    for name, facts in _facts(camera, known=False):
         value, ends = facts["value"], facts["interval"]
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(

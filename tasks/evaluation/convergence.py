@@ -12,7 +12,7 @@ from eres_render import Renderer, Scene
 from eres_render.progress import Progress
 from eres_render.sequence.clips import WARM_UP_S
 from eres_render.trajectory.frame_times import adaptive_times
-from sensor import SensorModel, stream
+from sensor import plain_camera, stream
 from sensor.levels import DARK_SHARE
 from tasks.errors import TaskError
 from tasks.methods.event_integration import reconstruct
@@ -95,9 +95,8 @@ def _simulated(
     """Return a stretch's frames, events, polarity sums, and log light at its start and its end."""
     renderer, dark_level = base.at(spp=setting.spp), DARK_SHARE * base.white_level
     side = base.camera.width
-    model = SensorModel(
-        width=side, height=side, contrast_threshold=CONTRAST_THRESHOLD, dark_level=dark_level
-    )
+    camera = plain_camera(side).with_threshold(CONTRAST_THRESHOLD)
+    model = camera.model(white=base.white_level)
     t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
     first = int(np.searchsorted(t_s, marks_s[1]))
     ends: list[NDArray[np.float64]] = []
