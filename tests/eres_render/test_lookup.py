@@ -100,13 +100,13 @@ def test_no_thin_thing_is_missed_through_a_lens(small_carpet, monkeypatch, width
 
 
 def compare_things(scene, monkeypatch, camera, width_px, length_px, parallel):
-    """Compare what is looked up with what is traced, of 180 things in front of a wall."""
+    """Compare what is looked up with what is traced, of 100 things in front of a wall."""
     import mitsuba as mi
 
     rng = np.random.default_rng(int(10 * width_px) + parallel)
     pixel = 1.0 / WIDTH  # m, on the plane 1 m away of a camera with 53 degrees
     length = 0.4 if length_px is None else length_px * width_px * pixel
-    corners = quads(rng, 180, length, width_px * pixel, 1.0, parallel)
+    corners = quads(rng, 100, length, width_px * pixel, 1.0, parallel)
     faces = np.arange(len(corners)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     things = glowing(mi, corners, faces, 100.0)
     shapes = {"wall": wall(mi, rng), "things": things}

@@ -192,7 +192,7 @@ def test_measuring_costs_a_twentieth_of_the_render_or_seconds(shiny_room, width,
 
     renderer.repeats = count
     wanted = clips(shiny_room, samples=samples)
-    measure_noise(renderer, wanted, 4.0)
+    measure_noise(renderer, wanted, 1.0)
     stretches = min(4, samples)
     render = len(taken) / stretches * samples * width**2 * renderer.spp
     seconds_worth = 1_000_000 if renderer.variant.startswith("scalar") else 8_000_000
