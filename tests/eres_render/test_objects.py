@@ -348,7 +348,7 @@ def test_dots_on_a_moving_object_move_as_the_flow_says(tmp_path):
         moved(-0.2, z=2.9, turn_z_rad=0.1) @ DOWN,
     )
     scene = load_scene(folder)
-    renderer, truth = Renderer(scene, 256, 16), truth_of(scene)
+    renderer, truth = Renderer(scene, 256, 64), truth_of(scene)
     t_0, t_1 = 0.4, 0.48
     flow = truth.flow(t_0, t_1, 256)
     y, x = np.mgrid[:256, :256] + 0.5

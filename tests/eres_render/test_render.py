@@ -103,7 +103,7 @@ def test_no_frame_is_rendered_from_what_is_no_pose(dots):
 def test_bright_dots_land_where_the_camera_model_projects_them(dots, size, integrator):
     """Centroids agree with `Camera.project` to 0.1 px, so that no axis is flipped."""
     camera = dots.camera(*size)
-    renderer, T = Renderer(dots, spp=16, integrator=integrator, camera=camera), tilted_pose()
+    renderer, T = Renderer(dots, spp=64, integrator=integrator, camera=camera), tilted_pose()
     frame = renderer.frame(T)
     expected = renderer.camera.project((DOTS_M - T[:3, 3]) @ T[:3, :3])
     y, x = np.mgrid[: size[1], : size[0]] + 0.5
