@@ -248,7 +248,7 @@ def image_floor(file):
     )
 
 
-def assert_baked_as_traced(scene, width=24, rtol=0.02):
+def assert_baked_as_traced(scene, width=16, rtol=0.02):
     """Promise: the scene bakes by default, and looks as with paths."""
     pose = scene.trajectory().pose(1.0)
     renderer = Renderer(scene, width, 256)
@@ -380,19 +380,19 @@ def test_scenes_in_one_folder_do_not_take_each_others_lightmaps(tmp_path, monkey
 
 
 def test_a_part_of_a_uv_square_that_no_probe_hits_is_baked(tmp_path):
-    """Promise: a chart of a 10^-6 part of an atlas is baked with small cells; lightmaps with cells
-    that are too large for it, or too many, are refused by name."""
+    """Promise: a chart of four millionths of an atlas is baked with small cells; lightmaps with
+    cells that are too large for it, or too many, are refused by name."""
     corners = "v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\n"
-    chart = "vt 0.5 0.5\nvt 0.501 0.5\nvt 0.501 0.501\nvt 0.5 0.501\n"
+    chart = "vt 0.25 0.25\nvt 0.252 0.25\nvt 0.252 0.252\nvt 0.25 0.252\n"
     (tmp_path / "part.obj").write_text(f"{corners}{chart}f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     file = '<string name="filename" value="part.obj"/>'
     scene = open_scene(tmp_path, f'<shape type="obj" id="part">{file}{GRAY}</shape>')
-    sky = irradiance_maps(scene, 8.0, 4)["part"]
-    assert sky[501, 501] == pytest.approx(np.pi, rel=0.1)
+    sky = irradiance_maps(scene, 8.0, 16)["part"]
+    assert sky[125, 125] == pytest.approx(np.pi, rel=0.1)
     with pytest.raises(SceneError, match=r"'part': fills less than 1/64 of each of the 2 x 2"):
         irradiance_maps(scene, 4000.0, 64)
     with pytest.raises(SceneError, match=r"shape 'part': found a lightmap of \d+ x \d+ cells"):
-        irradiance_maps(scene, 0.5, 4)
+        irradiance_maps(scene, 0.4, 4)
 
 
 @pytest.mark.parametrize("start", [1.0, 2.25, -0.9, 0.6])

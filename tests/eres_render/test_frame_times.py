@@ -38,14 +38,14 @@ def test_each_step_moves_the_image_by_the_limit_unless_a_mark_cuts_it_short(moti
 def test_times_before_an_anchor_do_not_depend_on_how_many_there_are(motion):
     """Promise: an earlier start adds times and moves none; each step moves the image by the limit,
     and the last one back reaches the start or passes it."""
-    longest = earlier_times(motion, 0.25, 0.02, 0.5)
-    for start_s in (0.2499999, 0.2, float(longest[40]), 0.02):
-        t_s = earlier_times(motion, 0.25, start_s, 0.5)
+    longest = earlier_times(motion, 0.25, 0.02, 2.0)
+    for start_s in (0.2499999, 0.2, float(longest[10]), 0.02):
+        t_s = earlier_times(motion, 0.25, start_s, 2.0)
         np.testing.assert_array_equal(t_s, longest[-len(t_s) :])
         assert t_s[0] <= start_s
         assert np.all(t_s[1:] > start_s)
     steps = [motion(b, a) for a, b in pairwise([*longest.tolist(), 0.25])]
-    np.testing.assert_allclose(steps, 0.5, rtol=1e-5)
+    np.testing.assert_allclose(steps, 2.0, rtol=1e-5)
 
 
 def test_times_before_an_anchor_end_at_the_start_of_the_path():

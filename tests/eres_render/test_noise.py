@@ -114,7 +114,7 @@ def test_repeats_are_frames_with_noise_of_their_own(renderer):
     radiance = renderer.repeats(pose, pixels, many)
     assert radiance.shape == (many, 40)
     np.testing.assert_array_equal(renderer.repeats(pose, pixels, many), radiance)
-    frame = renderer.at(spp=1024).frame(pose).ravel()[pixels]
+    frame = renderer.at(spp=256).frame(pose).ravel()[pixels]
     assert np.median(abs(radiance.mean(axis=0) / frame - 1)) < 0.02
     one, of_16 = (np.var(r, axis=0, ddof=1) for r in (radiance, means_of(radiance, 16)))
     assert np.mean(of_16 / one) == pytest.approx(1 / 16, rel=0.3)
@@ -219,7 +219,7 @@ def test_light_without_noise_has_no_false_events(tmp_path):
     for digit in range(2, 10):
         text = text.replace(f'value="0.{digit}"/></bsdf>', 'value="0"/></bsdf>')
     (folder / "scene.xml").write_text(text.replace("</shape>", glow))
-    renderer = Renderer(load_scene(folder), 16, 4, integrator="path")
+    renderer = Renderer(load_scene(folder), 8, 4, integrator="path")
     noise = measure_noise(renderer, [continuous_stretch(renderer.scene, 0.3)], 0.5)
     assert noise.log_noise < 1e-6
     assert (noise.events_hz, noise.false_events_hz, noise.false_events_error_hz) == (0, 0, 0)

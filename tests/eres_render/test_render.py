@@ -29,7 +29,7 @@ from eres_render import (
 )
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.raycast import RayCaster
-from light_scenes import DOTS_M, dots_folder, edit_scene, light_evenly, tilted_pose
+from light_scenes import DOTS_M, dots_folder, light_evenly, small_carpet_folder, tilted_pose
 
 ROOT = Path(__file__).parents[2]
 CLIP = Clip(0, 0.24, 0.25, 0.29)
@@ -197,17 +197,44 @@ def test_a_scalar_machine_does_the_whole_job(tmp_path):
     assert error.std() < 0.12
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
-def test_one_core_renders_the_same_frame_and_white(small_carpet, renderer, pose):
-    """Another process on a single core gets the same bits, and Mitsuba does not lock up."""
+@pytest.fixture(scope="module")
+def killed(small_carpet, tmp_path_factory):
+    """Kill a process on a single core after the fourth frame of a clip; return what it printed
+    before, and the clip's folder."""
     code = (
-        "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "import os, sys; from pathlib import Path\n"
+        "if hasattr(os, 'sched_setaffinity'):\n"
+        "    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
         "from eres_render import *\n"
+        "def told(stage, done, total):\n"
+        "    print(done, flush=True)\n"
+        "    if done == 4: sys.stdin.readline()\n"
         "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
-        "print(r.white_level.hex(), r.frame(r.trajectory.pose(1.0)).tobytes().hex())"
+        "print(r.white_level.hex(), r.frame(r.trajectory.pose(1.0)).tobytes().hex())\n"
+        "render_clip(r, Clip(0, 0.24, 0.25, 0.29), Path(sys.argv[2]), 0.25, told)\n"
     )
-    run = run_python(code, small_carpet.folder, timeout_s=600)
-    white, frame = run.stdout.split()
+    clip = tmp_path_factory.mktemp("killed") / "clip"
+    victim = subprocess.Popen(
+        [sys.executable, "-c", code, str(small_carpet.folder), str(clip)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert victim.stdout is not None
+    try:
+        printed = victim.stdout.readline()
+        assert [victim.stdout.readline() for _ in range(4)] == ["1\n", "2\n", "3\n", "4\n"]
+    finally:
+        victim.send_signal(signal.SIGKILL)
+        victim.communicate()
+    return printed, clip
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
+def test_one_core_renders_the_same_frame_and_white(killed, renderer, pose):
+    """Another process on a single core gets the same bits, and Mitsuba does not lock up."""
+    white, frame = killed[0].split()
     assert white == renderer.white_level.hex()
     assert frame == renderer.frame(pose).tobytes().hex()
 
@@ -231,32 +258,10 @@ def test_a_clip_holds_what_was_asked_for(uninterrupted, renderer):
 
 
 def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
-    tmp_path, renderer, uninterrupted
+    killed, renderer, uninterrupted
 ):
     """kill -9 after the fourth frame; then eres renders only the missing ones."""
-    code = (
-        "import sys; from pathlib import Path; from eres_render import *\n"
-        "def told(stage, done, total):\n"
-        "    print(done, flush=True)\n"
-        "    if done == 4: sys.stdin.readline()\n"
-        "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
-        "render_clip(r, Clip(0, 0.24, 0.25, 0.29), Path(sys.argv[2]), 0.25, told)\n"
-    )
-    clip = tmp_path / "clip"
-    victim = subprocess.Popen(
-        [sys.executable, "-c", code, str(renderer.scene.folder), str(clip)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert victim.stdout is not None
-    try:
-        assert [victim.stdout.readline() for _ in range(4)] == ["1\n", "2\n", "3\n", "4\n"]
-    finally:
-        victim.send_signal(signal.SIGKILL)
-        victim.communicate()
-
+    clip = killed[1]
     with pytest.raises(SequenceError, match=r"frames/.*exr: missing .* render the sequence"):
         open_sequence(clip)
     # As a kill in mid-write would leave them: a half-written temporary, a damaged last frame.
@@ -322,9 +327,10 @@ def test_a_finished_clip_stays_readable_while_it_is_asked_for_again(renderer, un
     assert frames_equal(open_sequence(uninterrupted.folder), uninterrupted)
 
 
+@pytest.mark.usefixtures("unmeasured_noise")
 def test_a_path_whose_knots_round_to_just_before_its_end_is_rendered(tmp_path):
     """Promise: 3 knots of 0.3 s are a path of 0.9 s, though 0.3 * 3 < 0.9 in floating point."""
-    folder = edit_scene(
+    folder = small_carpet_folder(
         tmp_path / "short",
         ("duration_s = 10.0", "duration_s = 0.9"),
         ("knot_interval_s = 1.25", "knot_interval_s = 0.3"),
