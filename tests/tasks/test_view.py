@@ -361,7 +361,9 @@ def test_frames_are_those_of_the_sensor_and_its_clock(clip):
 
 
 @pytest.mark.parametrize("options", [(), ("--fps", 250.0)])
-@pytest.mark.parametrize(("ending", "look"), [("webp", ("--slow", 1, "--height", 32)), ("html", ())])
+@pytest.mark.parametrize(
+    ("ending", "look"), [("webp", ("--slow", 1, "--height", 32)), ("html", ())]
+)
 def test_events_are_over_the_footage_they_are_of(eres, tmp_path, options, ending, look):
     """Promise: behind events is the last frame of the video up to their time, at the frame rate for
     which they were simulated."""
