@@ -43,6 +43,7 @@ _log = logging.getLogger(__name__)
 _VIEWS = 9  # rays along a side of the image that show whether the camera sees the plane
 _MAX_ROUNDING_PX = 0.05  # a tenth of the usual motion from frame to frame
 _DEPTHS = 33  # rays along a side of the image that find the nearest surface
+_MOTIONS = 1 << 16  # between two times, that are kept: about 15 for a frame
 _OFF_PLANE = 0.01  # relief stays below this share of the distance
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
 
@@ -329,11 +330,11 @@ class Renderer:
             at = body.pose, body.box_m
             return frame_times.object_image_motion(path, camera, *at, body.caster.distance, unseen)
 
-        of_bodies = [of_body(body) for body in self._still_and_bodies[1]]
-        if not of_bodies:
-            return of_still
-        motions = of_still, *of_bodies
-        return lambda t_0_s, t_1_s: max(motion(t_0_s, t_1_s) for motion in motions)
+        motions = of_still, *map(of_body, self._still_and_bodies[1])
+        # An estimate of the cost and the render itself ask for the same.
+        return functools.lru_cache(_MOTIONS)(
+            lambda t_0_s, t_1_s: max(motion(t_0_s, t_1_s) for motion in motions)
+        )
 
     def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
         """Return the inverse of the z-depth at some pixels, of all that stands still.

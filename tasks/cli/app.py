@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Sized
+from collections.abc import Callable, Collection, Iterable, Sized
 from dataclasses import is_dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -40,15 +40,16 @@ def require(values: Sized, what: str) -> None:
         raise UsageError(f"give at least one {what}")
 
 
-def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:
+def commands(functions: Iterable[Callable[..., Any]], given: Collection[str]) -> SubcommandApp:
     """Make commands of functions, with their names.
 
-    With `overview`, the help of each command is only its first line, for the list of all commands.
+    The help of a command that is not `given` is only its first line, for the list of all commands.
     """
     app = SubcommandApp()
     for function in functions:
         text = _prepare(function)
-        app.command(help=text.partition("\n")[0] if overview else wrapped(text))(function)
+        whole = function.__name__ in given
+        app.command(help=wrapped(text) if whole else text.partition("\n")[0])(function)
     return app
 
 

@@ -92,7 +92,6 @@ def run() -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
     if sys.argv[1:] == [] or sys.argv[1:] in [[_name(group)] for group in _GROUPS]:
         sys.argv.append("--help")
-    overview = sys.argv[1:] in (["-h"], ["--help"])
     try:
         if sys.argv[1:] == ["--version"]:
             from tasks.provenance import code
@@ -100,10 +99,9 @@ def run() -> None:
             terminal.say(f"eres {version(DISTRIBUTION)} ({code()})")
             return
         _check_command(sys.argv[1:])
-        app = commands(_COMMANDS, overview=overview)
+        app = commands(_COMMANDS, given=sys.argv[1:2])
         for group, inner in _GROUPS.items():
-            named = sys.argv[1:] in ([_name(group), "-h"], [_name(group), "--help"])
-            nested = commands(inner, overview=overview or named)
+            nested = commands(inner, given=sys.argv[2:3])
             app.command(nested, name=_name(group), help=group.__doc__)
         status = app.cli(
             prog="eres",

@@ -171,7 +171,7 @@ def _picture(
 
 def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Return the linear values of 8-bit sRGB codes, 0 to 1."""
-    return from_srgb(codes / 255.0).astype(np.float64, copy=False)
+    return from_srgb(np.arange(256) / 255.0).astype(np.float64, copy=False)[codes]
 
 
 def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -41,11 +41,25 @@ def missing_texture(folder):
     return folder
 
 
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """A room in light that is set by hand."""
+    return room_folder(tmp_path_factory.mktemp("light") / "room")
+
+
+@pytest.fixture(scope="module")
+def room_clip(room, tmp_path_factory):
+    """The folder of a clip of the room, of few frames and pixels."""
+    options = {"resolution": 24, "spp": 1, "samples": 1, "max_displacement_px": 4.0}
+    (clip,) = render_scene(load_scene(room), tmp_path_factory.mktemp("clips"), **options)
+    return clip.folder
+
+
 @pytest.mark.usefixtures("unmeasured_noise")
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     """Promise: any Mitsuba file with poses renders; info and truth describe the result."""
     xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
-    options = ["--resolution", "24", "--spp", "4", "--max-displacement", "1", "--continuous"]
+    options = ["--resolution", "24", "--spp", "4", "--max-displacement", "4", "--continuous"]
     code, out, _ = eres("render", xml, "--trajectory", poses, "--out", tmp_path / "out", *options)
     assert code == 0
     assert f"{tmp_path / 'out' / 'continuous'}: " in out
@@ -87,7 +101,7 @@ def test_a_mitsuba_file_has_its_own_size_and_samples(eres, tmp_path, monkeypatch
     a dry run tells frames and cost and writes nothing; other settings are refused at once."""
     xml, poses = write_scene(tmp_path, FILMED, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
     out = tmp_path / "out"
-    given = [xml, "--trajectory", poses, "--out", out, "--max-displacement", 2, "--continuous"]
+    given = [xml, "--trajectory", poses, "--out", out, "--max-displacement", 8, "--continuous"]
     with caplog.at_level(logging.INFO):
         assert eres("render", *given, "--dry-run")[0] == 0
     assert not out.exists()
@@ -108,14 +122,15 @@ def test_a_mitsuba_file_has_its_own_size_and_samples(eres, tmp_path, monkeypatch
         assert (code, f"continuous: found a sequence with {said}" in err) == (1, True)
 
 
-def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
+def test_frames_of_any_shape_from_render_to_scores(eres, small_carpet, tmp_path):
     """Promise: events, truth and scores of wide frames, at a width that does not divide theirs; an
     error of a sensor that is too fine tells the frames from what it sees of them."""
     out, sensor = tmp_path / "wide", ["--resolution", 173]
-    options = ["--spp", 4, "--samples", 1, "--max-displacement", 1]
-    code, _, err = eres("render", "carpet", "--out", out, "--width", 320, *options)
+    render = ["render", small_carpet.folder, "--out", out, "--width", 320]
+    options = ["--spp", 1, "--samples", 1, "--max-displacement", 1]
+    code, _, err = eres(*render, *options)
     assert (code, "found --width, expected" in err) == (1, True)
-    assert eres("render", "carpet", "--out", out, "--width", 320, "--height", 180, *options)[0] == 0
+    assert eres(*render, "--height", 180, *options)[0] == 0
     clip = out / "clip_000"
     assert "of 320x180 px" in eres("info", clip)[1]
     events = tmp_path / "events.h5"
@@ -156,13 +171,13 @@ KALIBR = """cam0:
 """
 
 
-def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, tmp_path):
+def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, small_carpet, tmp_path):
     """Promise: size, focal lengths and lens come from the file; sequence, info, truth and events
     have them, half a pixel from Kalibr's; tracking, which needs a pinhole, refuses the lens."""
     file = tmp_path / "camera.yaml"
     file.write_text(KALIBR)
-    render = ["render", "carpet", "--out", tmp_path / "out", "--camera", file]
-    options = ["--spp", 4, "--samples", 1, "--max-displacement", 1]
+    render = ["render", small_carpet.folder, "--out", tmp_path / "out", "--camera", file]
+    options = ["--spp", 1, "--samples", 1, "--max-displacement", 1]
     assert eres(*render, *options)[0] == 0
     clip = tmp_path / "out" / "clip_000"
     said = " ".join(eres("info", clip)[1].split())
@@ -213,13 +228,10 @@ def test_a_scene_is_baked_into_its_folder(eres, tmp_path):
     assert np.all(read_luminance(folder / "lightmap_carpet.exr") > 0)
 
 
-def test_truth_replaces_truth_only_when_told(eres, tmp_path):
+def test_truth_replaces_truth_only_when_told(eres, room_clip, tmp_path):
     """Promise: a folder never has truth of two steps; --overwrite removes the old truth
     and nothing else."""
-    folder, out = room_folder(tmp_path / "room"), tmp_path / "truth"
-    options = ["--resolution", 24, "--spp", 1, "--samples", 1, "--max-displacement", 1]
-    assert eres("render", folder, "--out", tmp_path / "r", *options)[0] == 0
-    clip = tmp_path / "r" / "clip_000"
+    clip, out = room_clip, tmp_path / "truth"
     truth = ["truth", clip, "--out", out, "--width", 20, "--step"]
     assert eres(*truth, 0.01, "--flow-png")[0] == 0
     fine = sorted(out.rglob("*"))
@@ -244,9 +256,8 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
     assert (clip / "poses.txt").read_bytes() == poses
 
 
-def test_convergence_prints_each_setting(eres, tmp_path):
-    folder = room_folder(tmp_path / "room")
-    code, out, _ = eres("convergence", folder, "--resolution", "12", "--duration", "0.02")
+def test_convergence_prints_each_setting(eres, room):
+    code, out, _ = eres("convergence", room, "--resolution", "12", "--duration", "0.005")
     assert code == 0
     lines = out.splitlines()
     assert len(lines) == 1 + 1 + 2 * 8
@@ -438,13 +449,10 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     refused(eres, tmp_path, instead, "evaluate", folder, "--task", "flow")
 
 
-def test_truth_beyond_memory_is_one_line(eres, tmp_path):
+def test_truth_beyond_memory_is_one_line(eres, room_clip, tmp_path):
     """Promise: truth images that are too large for any machine are an error, and leave no files."""
-    folder, out = room_folder(tmp_path / "room"), tmp_path / "out"
-    render = ["--resolution", 16, "--spp", 1, "--samples", 1, "--out", tmp_path / "r"]
-    assert eres("render", folder, *render)[0] == 0
-    clip = tmp_path / "r" / "clip_000"
-    code, _, err = eres("truth", clip, "--out", out, "--width", 2_000_000)
+    out = tmp_path / "out"
+    code, _, err = eres("truth", room_clip, "--out", out, "--width", 2_000_000)
     assert code == 1
     assert err.splitlines()[-1].startswith("error: out of memory: ")
     assert not out.exists()
@@ -458,15 +466,14 @@ def test_a_file_is_not_a_sequence(eres, tmp_path):
     refused(eres, tmp_path, said, "truth", recording, "--out", tmp_path / "out")
 
 
-def test_frames_far_apart_are_said(eres, tmp_path, caplog):
+def test_frames_far_apart_are_said(eres, room, tmp_path, caplog):
     """Promise: rendering, simulating or evaluating frames more than 1 px apart causes a warning
     with the distance; at 1 px there is none."""
-    folder = room_folder(tmp_path / "room")
-    usual = ["--resolution", 32, "--spp", 1, "--samples", 1]
+    usual = ["--resolution", 16, "--spp", 1, "--samples", 1]
     for motion in (1, 3.5):
         out, clip = tmp_path / str(motion), tmp_path / str(motion) / "clip_000"
         asked = ["--max-displacement", motion, "--out", out]
-        assert eres("render", folder, *usual, *asked)[0] == 0
+        assert eres("render", room, *usual, *asked)[0] == 0
         events = clip.with_suffix(".h5")
         assert eres("simulate", clip, "--out", events, "--resolution", 8)[0] == 0
         task = ["--task", "reconstruction", "--resolution", 16]
@@ -478,12 +485,9 @@ def test_frames_far_apart_are_said(eres, tmp_path, caplog):
     )
 
 
-def test_a_sensor_without_width_is_refused(eres, tmp_path):
+def test_a_sensor_without_width_is_refused(eres, room_clip, tmp_path):
     """Promise: one line that names the option, whatever the task."""
-    folder = room_folder(tmp_path / "room")
-    render = ["--resolution", 32, "--spp", 1, "--samples", 1, "--out", tmp_path / "r"]
-    assert eres("render", folder, *render)[0] == 0
-    asked = ("evaluate", tmp_path / "r" / "clip_000", "--task", "reconstruction")
+    asked = ("evaluate", room_clip, "--task", "reconstruction")
     for width in (0, -5):
         said = f"width: found {width}, expected an integer from 1"
         refused(eres, tmp_path, said, *asked, "--resolution", width)

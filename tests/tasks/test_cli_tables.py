@@ -59,8 +59,8 @@ def clip(tmp_path_factory):
 @pytest.fixture(scope="module")
 def finished_run(tmp_path_factory):
     """A run with a method of long name next to the paper's, with all data of its tables."""
-    rows = [row for series in (EI, EPF, EPPT) for row in paper_rows(series, samples=3)]
-    rows += paper_rows(EPF, samples=3, method=OWN)
+    rows = [row for series in (EI, EPF, EPPT) for row in paper_rows(series, samples=2)]
+    rows += paper_rows(EPF, samples=2, method=OWN)
     numbers = {}
     for row in [*rows, *nothing_rows(rows, 3.0)]:
         numbers.setdefault((row.task, row.method, row.variant, row.scene, row.width), {})[
@@ -130,7 +130,7 @@ def every_table(clip, finished_run, screen):
             ("sensors", "dvs128"),
             ("rig", "solve", sequence, "--out", folder / "calibration.json"),
             ("rig", "evaluate", folder, "--out", folder),
-            ("advise", "--speed", 1, "--distance", 1, "--lux", 100, "--sensor", "gen4-cd"),
+            ("advise", "--speed", 1, "--distance", 1, "--lux", 100, "--sensor", "davis346"),
             ("info", sequence),
             ("info", events),
         ):

@@ -150,7 +150,7 @@ def tiny_study(scene_folder):
     return Study(
         name="tiny",
         scenes=(str(scene_folder),),
-        render=Render(resolution=64, spp=1, max_displacement_px=0.5, samples=2),
+        render=Render(resolution=64, spp=1, max_displacement_px=2.0, samples=2),
         simulate=Simulate(widths=(64, 32), cutoffs_hz=(math.inf, 50.0), speeds=(1.0,)),
         evaluate=only(),
     )

@@ -268,8 +268,9 @@ def start(
             read_checkpoint(weights)  # it may be damaged
             return problem, files.read_scores(folder).scores
     training = Training(problem, device)  # before the folder keeps settings that cannot be trained
-    _logger.info("%s", training.estimate())
     if dry_run:
+        _logger.info("%s", training.estimate())
         return problem, {}
     with files.opened(folder, described, {**made_with, "device": training.device}):
+        _logger.info("%s", training.estimate())
         return problem, training.run(folder, on_progress)
