@@ -132,8 +132,8 @@ def test_events_of_a_flashing_board_give_the_camera(files):
 
 
 def test_too_few_views_are_refused(files, monkeypatch):
-    with pytest.raises(RigError, match="board in 1 files"):
-        intrinsics(files[:1], BOARD)
+    with pytest.raises(RigError, match="board in 2 files"):
+        intrinsics(files[:2], BOARD)
     monkeypatch.setattr("tasks.rig.intrinsics._IMAGES", 2)
     with pytest.raises(RigError, match="board in 0 files"):
         intrinsics(files[:1], Board(12, 9, 0.03))
