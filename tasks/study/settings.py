@@ -321,7 +321,8 @@ class Simulate:
         -------
         tuple of (camera, light, model)
         """
-        return _models(self, render, white)
+        sources = tuple(tuple(camera.sources.items()) for camera in self.sensors)
+        return _models(self, render, white, sources)
 
     def emulations(self, render: Render, white: float = 1.0) -> list[Emulation | None]:
         """Return what simulates each sensor's pixels.
@@ -356,9 +357,9 @@ class Simulate:
         return replace(self, **values)
 
 
-@lru_cache(maxsize=64)  # every job of a study asks again
+@lru_cache(maxsize=64)  # every job of a study asks again; equal cameras may have other sources
 def _models(
-    simulate: Simulate, render: Render, white: float
+    simulate: Simulate, render: Render, white: float, _sources: object
 ) -> tuple[tuple[EventCamera, StudyLight, SensorModel], ...]:
     found = []
     for camera in simulate.all_cameras(render):

@@ -99,7 +99,7 @@ def test_widths_see_all_of_the_frames(resolution, height, data) -> None:
     assert render.seen_px(width, render.height_at(width)) == (resolution, height)
 
 
-def test_flat_frames_are_the_same_points_for_each_width() -> None:
+def test_flat_frames_are_the_same_points_for_each_width(small_carpet) -> None:
     """Promise: features are found once, although 197x111 px at square pixels would see 319 columns.
 
     The true flows are those of the frames, as its pixels are 0.2 % from square.
@@ -112,7 +112,7 @@ def test_flat_frames_are_the_same_points_for_each_width() -> None:
         simulate=Simulate(widths=(197, 320), cutoffs_hz=(math.inf,), speeds=(1.0,)),
         evaluate=only(dense_flow=dense),
     )
-    (job,) = jobs_of(study, load_scene("carpet"))
+    (job,) = jobs_of(study, small_carpet)
     computed = compute_job(QueuedJob(job, job.key, False), silent)
     coarse, fine = (
         [row.value for row in computed.rows if row.width == width] for width in (197, 320)

@@ -322,7 +322,7 @@ def test_two_names_of_one_scene(scene_folder, tmp_path):
         shutil.copytree(scene_folder, tmp_path / name)
     study = replace(tiny_study(scene_folder), evaluate=only(reconstruction=Reconstruction()))
     study = replace(study, simulate=replace(study.simulate, widths=(24,)))
-    study = replace(study, render=replace(study.render, samples=1))
+    study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))
     names = [str(tmp_path / name) for name in ("alpha", "beta")]
     with pytest.raises(StudyError, match=r"alpha' and '.*beta' have the same content"):
         run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
