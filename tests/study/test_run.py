@@ -61,7 +61,7 @@ def tiny_study(scene_folder):
     return Study(
         name="tiny",
         scenes=(str(scene_folder),),
-        render=Render(resolution=96, spp=4, max_displacement_px=0.5, samples=2),
+        render=Render(resolution=96, spp=4, max_displacement_px=1.0, samples=2),
         simulate=Simulate(widths=(24, 48, 96), cutoffs_hz=(np.inf, 50.0), speeds=(1.0, 2.0)),
         evaluate=Evaluate(
             flow=Flow(features=3, native_patch=True, fast_methods=("initial_flow",)),
