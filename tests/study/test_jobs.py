@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from eres_render import Scene, SceneError, load_scene, path_through
 from eres_render.progress import silent
+from sensor import EventCamera
+from sensor.cameras.camera import Source
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
@@ -86,6 +88,15 @@ def test_a_wide_view_may_be_farther_from_the_plane() -> None:
     with pytest.raises(SceneError, match="the view reaches"):
         scene.trajectory()
     assert work_text(jobs_of(wide, scene), 2)
+
+
+def test_a_threshold_with_a_source_is_the_camera_s_own() -> None:
+    """Promise: it replaces the study's two thresholds, also where an equal camera has no source."""
+    plain = EventCamera(name="a", width=64, height=64, contrast_threshold=0.2)
+    measured = replace(plain, sources={"threshold": Source("a page", "measured")})
+    study = Simulate(widths=(), cutoffs_hz=(50.0,), contrast_thresholds=(0.1, 0.4))
+    counts = [len(replace(study, sensors=(one,)).models()) for one in (plain, measured, plain)]
+    assert counts == [2, 1, 2]
 
 
 @given(resolution=st.integers(2, 2000), height=st.integers(2, 2000), data=st.data())
