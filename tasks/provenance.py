@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 import shlex
 import subprocess
@@ -53,12 +54,17 @@ def code() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of eres and of the packages that affect numbers, by name."""
-    by_name = {"eres": version(DISTRIBUTION)}
+    by_name = {"eres": _version(DISTRIBUTION)}
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):  # of an extra
             if name != _TORCH or _TORCH in sys.modules:
-                by_name[name] = version(name)
+                by_name[name] = _version(name)
     return by_name
+
+
+@functools.cache  # reading it takes a millisecond, and each job of a study asks
+def _version(name: str) -> str:
+    return version(name)
 
 
 def _git_commit() -> str | None:

@@ -237,14 +237,7 @@ class Scene:
         SceneError
             If the scene has no path, or a view leaves the square.
         """
-        if camera is None:
-            return self._trajectory_of_own_camera
-        self._check_view(camera)
-        return self._trajectory
-
-    @cached_property
-    def _trajectory_of_own_camera(self) -> Trajectory:
-        self._check_view(self.camera(2))
+        self._check_view(self.camera(2) if camera is None else camera)
         return self._trajectory
 
     @cached_property
@@ -262,7 +255,9 @@ class Scene:
         square, plane = self.settings.plane, self.plane
         if square is None or plane is None:
             return
-        reach_m = _reach_m(self._trajectory, self.duration_s, camera, plane, square.point_m)
+        if (reach_m := self._reaches_m.get(camera)) is None:
+            reach_m = _reach_m(self._trajectory, self.duration_s, camera, plane, square.point_m)
+            self._reaches_m[camera] = reach_m
         if reach_m > square.half_width_m:
             raise SceneError(
                 f"{self.path_name}: the view reaches {reach_m:.3f} m from plane.point_m along a "
@@ -270,6 +265,11 @@ class Scene:
                 f"expected at most plane.half_width_m = {square.half_width_m} m; bring the path "
                 "nearer to the plane, or turn the camera less"
             )
+
+    @cached_property
+    def _reaches_m(self) -> dict[Camera, float]:
+        """Of the cameras whose views have been checked: each job of a study asks again."""
+        return {}
 
     def _unchecked_trajectory(self) -> Trajectory:
         if self.given_path is not None:

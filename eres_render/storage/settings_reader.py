@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import tomllib
@@ -90,6 +91,10 @@ def read_typed(
     list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
     None is for an optional field, which is null in JSON or absent.
     """
+    if kind is Any or (
+        type(parsed) is kind and (kind is not float or math.isfinite(number(parsed)))
+    ):
+        return typing.cast(T, parsed)
 
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:
         return read_typed(inner_kind, value, file, error, inner_field)
@@ -97,8 +102,6 @@ def read_typed(
     def refuse(what: str) -> ValueError:
         return error(f"{file}: {field + ': ' if field else ''}{what}")
 
-    if kind is Any:
-        return typing.cast(T, parsed)
     if typing.get_origin(kind) is Annotated and kind != FloatOrInf:  # for the command line
         return typing.cast(T, inner(typing.get_args(kind)[0], parsed, field))
     result: Any
@@ -106,7 +109,7 @@ def read_typed(
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
         if parsed is None and types.NoneType in typing.get_args(kind):
             return typing.cast(T, None)
-        kind = _member(kind, parsed, refuse)
+        return typing.cast(T, inner(_member(kind, parsed, refuse), parsed, field))
     if dataclasses.is_dataclass(kind) and isinstance(parsed, dict):
         values = _fields(kind, parsed, file, error, prefix)
         try:
@@ -122,12 +125,10 @@ def read_typed(
         result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(parsed))
     elif typing.get_origin(kind) is typing.Literal and parsed in arguments:
         result = parsed
-    elif kind is float and type(parsed) in (int, float) and math.isfinite(number(parsed)):
+    elif kind is float and type(parsed) is int and math.isfinite(number(parsed)):
         result = float(parsed)
     elif kind == FloatOrInf and not math.isnan(value := number(parsed)):
         result = value
-    elif kind is not float and type(parsed) is kind:
-        result = parsed
     else:
         raise refuse(f"found {parsed!r}, expected {_name(kind)}")
     return typing.cast(T, result)
@@ -150,7 +151,7 @@ def _fields(
     kind: type, table: dict[str, Any], file: Path, error: type[ValueError], prefix: str
 ) -> dict[str, Any]:
     """Return the values of a dataclass's fields from a table."""
-    fields, kinds = dataclasses.fields(kind), typing.get_type_hints(kind, include_extras=True)
+    fields, kinds = dataclasses.fields(kind), _kinds(kind)
     named = {word: f for f in fields for word in (f.name, *f.metadata.get(_OLD_NAMES, ()))}
     values: dict[str, Any] = {}
     check_known([word for word in table if word not in named], list(kinds), file, error, prefix)
@@ -164,6 +165,11 @@ def _fields(
         if f.name not in values and not may_be_absent:
             raise error(f"{file}: {prefix}{f.name}: missing, expected {_name(kinds[f.name])}")
     return values
+
+
+@functools.cache  # a file may hold thousands of one class
+def _kinds(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind, include_extras=True)
 
 
 def _member(union: Any, parsed: Any, refuse: Callable[[str], ValueError]) -> Any:

@@ -136,7 +136,7 @@ def _check_sensors(study: Study) -> None:
             "simulate.widths"
         )
     try:
-        models = [*simulate.models(render)]
+        models = simulate.models(render)
     except SensorError as error:
         raise StudyError(f"simulate: {error}") from None
     for camera, _, model in models:

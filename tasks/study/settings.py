@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -305,8 +305,8 @@ class Simulate:
 
     def models(
         self, render: Render = _ANY, white: float = 1.0
-    ) -> Iterator[tuple[EventCamera, StudyLight, SensorModel]]:
-        """Yield each camera in each light, with each photoreceptor and threshold.
+    ) -> tuple[tuple[EventCamera, StudyLight, SensorModel], ...]:
+        """Return each camera in each light, with each photoreceptor and threshold.
 
         A camera without a cutoff comes once, as it is the same with any photoreceptor.
 
@@ -317,19 +317,12 @@ class Simulate:
         white
             Radiance of white in them.
 
-        Yields
-        ------
-        camera, light, model
+        Returns
+        -------
+        tuple of (camera, light, model)
         """
-        for camera in self.all_cameras(render):
-            own, own_C = own_of(camera), camera.contrast_threshold
-            thresholds = (own_C,) if "contrast_thresholds" in own else self.contrast_thresholds
-            kinds = (camera.photoreceptor,) if "photoreceptors" in own else self.photoreceptors
-            for light in self.lights:
-                ideal = math.isinf(light.on(camera).cutoff_hz)
-                for kind, C in product(kinds[:1] if ideal else kinds, thresholds):
-                    pixels = replace(camera, photoreceptor=kind, contrast_threshold=C)
-                    yield camera, light, light.on(pixels, white)
+        sources = tuple(tuple(camera.sources.items()) for camera in self.sensors)
+        return _models(self, render, white, sources)
 
     def emulations(self, render: Render, white: float = 1.0) -> list[Emulation | None]:
         """Return what simulates each sensor's pixels.
@@ -362,6 +355,23 @@ class Simulate:
         values = {name: value[:1] for name, value in values.items() if isinstance(value, tuple)}
         values |= {"widths": () if named else size[:1], "sensors": named, "area_exponents": None}
         return replace(self, **values)
+
+
+@lru_cache(maxsize=64)  # every job of a study asks again; equal cameras may have other sources
+def _models(
+    simulate: Simulate, render: Render, white: float, _sources: object
+) -> tuple[tuple[EventCamera, StudyLight, SensorModel], ...]:
+    found = []
+    for camera in simulate.all_cameras(render):
+        own, own_C = own_of(camera), camera.contrast_threshold
+        thresholds = (own_C,) if "contrast_thresholds" in own else simulate.contrast_thresholds
+        kinds = (camera.photoreceptor,) if "photoreceptors" in own else simulate.photoreceptors
+        for light in simulate.lights:
+            ideal = math.isinf(light.on(camera).cutoff_hz)
+            for kind, C in product(kinds[:1] if ideal else kinds, thresholds):
+                pixels = replace(camera, photoreceptor=kind, contrast_threshold=C)
+                found.append((camera, light, light.on(pixels, white)))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

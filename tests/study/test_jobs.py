@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from eres_render import Scene, SceneError, load_scene, path_through
 from eres_render.progress import silent
+from sensor import EventCamera
+from sensor.cameras.camera import Source
 from small_study import only
 from tasks.errors import StudyError
 from tasks.study.config import (
@@ -88,6 +90,15 @@ def test_a_wide_view_may_be_farther_from_the_plane() -> None:
     assert work_text(jobs_of(wide, scene), 2)
 
 
+def test_a_threshold_with_a_source_is_the_camera_s_own() -> None:
+    """Promise: it replaces the study's two thresholds, also where an equal camera has no source."""
+    plain = EventCamera(name="a", width=64, height=64, contrast_threshold=0.2)
+    measured = replace(plain, sources={"threshold": Source("a page", "measured")})
+    study = Simulate(widths=(), cutoffs_hz=(50.0,), contrast_thresholds=(0.1, 0.4))
+    counts = [len(replace(study, sensors=(one,)).models()) for one in (plain, measured, plain)]
+    assert counts == [2, 1, 2]
+
+
 @given(resolution=st.integers(2, 2000), height=st.integers(2, 2000), data=st.data())
 @example(resolution=1190, height=669, data=None)
 def test_widths_see_all_of_the_frames(resolution, height, data) -> None:
@@ -99,7 +110,7 @@ def test_widths_see_all_of_the_frames(resolution, height, data) -> None:
     assert render.seen_px(width, render.height_at(width)) == (resolution, height)
 
 
-def test_flat_frames_are_the_same_points_for_each_width() -> None:
+def test_flat_frames_are_the_same_points_for_each_width(small_carpet) -> None:
     """Promise: features are found once, although 197x111 px at square pixels would see 319 columns.
 
     The true flows are those of the frames, as its pixels are 0.2 % from square.
@@ -112,7 +123,7 @@ def test_flat_frames_are_the_same_points_for_each_width() -> None:
         simulate=Simulate(widths=(197, 320), cutoffs_hz=(math.inf,), speeds=(1.0,)),
         evaluate=only(dense_flow=dense),
     )
-    (job,) = jobs_of(study, load_scene("carpet"))
+    (job,) = jobs_of(study, small_carpet)
     computed = compute_job(QueuedJob(job, job.key, False), silent)
     coarse, fine = (
         [row.value for row in computed.rows if row.width == width] for width in (197, 320)

@@ -3,6 +3,7 @@
 import html
 import inspect
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -139,7 +140,8 @@ def test_every_width_and_condition_is_in_it(paper_page: str) -> None:
 def test_names_are_no_formulas_and_settings_are_read_as_they_are_written(tmp_path: Path) -> None:
     """Promise: a dollar in the name of a scene is one in the figures, too, and the resolved
     configuration shows quotes and angle brackets."""
-    rows = [replace(row, scene=r"a $\foo$ b") for row in paper_rows(samples=1)]
+    ideal = (row for row in paper_rows(samples=1) if math.isinf(row.cutoff_hz))
+    rows = [replace(row, scene=r"a $\foo$ b") for row in ideal]
     run = make_run(tmp_path, rows)
     question = "What's <b> for?"
     (run / "study.json").write_text(json.dumps({"question": question}))
@@ -210,9 +212,9 @@ def test_the_answer_is_at_the_speeds_of_most_methods(tmp_path: Path) -> None:
     def found(*rows: Row) -> dict[tuple[str, str, str], Told]:
         return answers_of(html_of(tmp_path, [*rows]))
 
-    images, flow = (task_rows(one, scenes=["carpet"]) for one in (EI, CM))
+    images, flow = (task_rows(one, samples=1, scenes=["carpet"]) for one in (EI, CM))
     fast = [replace(row, speed=10.0) for row in flow if row.speed == 1.0]
-    video = task_rows(HF, scenes=["carpet"])
+    video = task_rows(HF, samples=1, scenes=["carpet"])
     assert {*found(*images, *video, *fast)} == {*found(*images, *video)}
     one = [row for row in images if row.speed == 1.0]
     told = found(*one, *fast)

@@ -57,15 +57,20 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
+@pytest.fixture(scope="module")
+def tab(chromium: sync_api.Browser) -> sync_api.Page:
+    return chromium.new_page()
+
+
 @pytest.fixture
-def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
+def page(tab: sync_api.Page, report: Path) -> Iterator[sync_api.Page]:
     """Open the report on a desktop screen; any message of the page fails the test."""
-    page = chromium.new_page(viewport=dict(zip(("width", "height"), DESK, strict=True)))
-    complaints = watched(page)
-    page.goto(report.as_uri())
-    page.wait_for_selector(".mark")
-    yield page
-    page.close()
+    tab.set_viewport_size(dict(zip(("width", "height"), DESK, strict=True)))
+    tab.emulate_media(media="screen", color_scheme="light", reduced_motion="no-preference")
+    complaints = watched(tab)
+    tab.goto(report.as_uri())
+    tab.wait_for_selector(".mark")
+    yield tab
     assert complaints == []
 
 

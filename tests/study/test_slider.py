@@ -72,16 +72,14 @@ def test_the_preset_asks_the_papers_question():
         scene = load_scene(name)
         assert scene.name == name
         assert scene.name not in list_scenes()
-        jobs = jobs_of(study, scene)
+        jobs, path = jobs_of(study, scene), scene.trajectory()
         assert len(jobs) == 21  # 10 samples, those of tracking, and one stretch of video
         for job in jobs:
             for one in job.settings(white_level=1.0):
                 width, height = one.model.width, one.model.height
                 assert min(abs(np.subtract((width, height), FIELD_PX)).max(axis=1)) <= 1
                 travel_m = np.ptp(
-                    scene.trajectory().pose(
-                        1e-6 * one.speed * np.array([one.start_us, one.end_us])
-                    )[:, 0, 3]
+                    path.position(1e-6 * one.speed * np.array([one.start_us, one.end_us]))[:, 0]
                 )
                 if "flow" in job.evaluate:
                     assert travel_m == pytest.approx(0.006, rel=1e-3)

@@ -351,6 +351,7 @@ def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) ->
     """`eres study` prints the first threshold's scores, and where the others are."""
     run = run_of(tmp_path, several(usual_rows(samples=1)))
     monkeypatch.setattr("tasks.study.run.run_study", lambda *given, **options: None)
+    monkeypatch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
     code, out, _ = eres("study", "--out", run)
     assert code == 0
     assert "24.09" in out

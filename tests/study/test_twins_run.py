@@ -3,6 +3,7 @@
 import re
 import runpy
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +40,12 @@ TRAININGS = {  # with seeds 0, 1 and 2
 WIDTHS = 240, 640, 1280
 
 
+@cache
 def text() -> str:
     return "\n".join(page.read_text() for page in PAGES)
 
 
+@cache
 def scores_of(run: str) -> Scores:
     return Scores(read_rows(DOCS / "results" / run / "rows.parquet"))
 

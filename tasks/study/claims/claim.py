@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
 
 from tasks.metric import MIN_SAMPLES_FOR_INTERVAL
@@ -111,7 +112,7 @@ class SceneClaim(Claim):
         Verdict
             It follows from one outcome for each scene that the claim is about.
         """
-        published, lines = self._read(paper_scores(), self.series, {})
+        published, lines = self._published
         unmeasured = Status.NOT_MEASURED
         measured = any(reading.status is not unmeasured for reading in published.values())
         paper = self.paper or ("\n".join(lines) if measured else "not reported")
@@ -132,6 +133,10 @@ class SceneClaim(Claim):
         likeness = _likeness([reading.like_paper for reading in readings.values()])
         intervals = sum(reading.intervals for reading in readings.values())
         return self.verdict(outcomes, "\n".join(lines), paper, scope, likeness, intervals)
+
+    @cached_property
+    def _published(self) -> tuple[dict[str, NumberText], list[str]]:
+        return self._read(paper_scores(), self.series, {})
 
     def _read(
         self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
