@@ -68,12 +68,11 @@ def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
         grid = np.linspace(0, dt, CUTS + 1).tolist()
         if math.isfinite(cutoff):
             turns = []
-            for t_a, t_b in pairwise(grid):
-                if slope(t_a) * slope(t_b) < 0:
+            for (t_a, slope_a), (t_b, slope_b) in pairwise([(t, slope(t)) for t in grid]):
+                if slope_a * slope_b < 0:
                     turns.append(brentq(slope, t_a, t_b, xtol=1e-15))
             grid = sorted(grid + turns)
-        for t_a, t_b in pairwise(grid):
-            low, high = seen(t_a), seen(t_b)
+        for (t_a, low), (t_b, high) in pairwise([(t, seen(t)) for t in grid]):
             while abs(high - memory) >= C:
                 polarity = 1 if high > memory else -1
                 level = memory + polarity * C

@@ -28,7 +28,7 @@ def assert_same_triggers(a, b):
 
 
 @KEPT
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20)
 @given(events=streams(), t_us=st.lists(st.integers(0, 1 << 31), max_size=9), data=st.data())
 def test_every_trigger_comes_back(name, events, t_us, data, tmp_path):
     """Promise: triggers before, between and after events come back, and change no event."""
