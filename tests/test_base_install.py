@@ -31,12 +31,15 @@ for command in json.load(open("commands.json")):
             code = stop.code or 0
     ended.append((code, *(text.getvalue() for text in texts)))
 
-import eres_events as eres, sensor, sensor.formats, sensor.representations, sensor.statistics
-for module in (sensor, sensor.formats, sensor.representations, sensor.statistics):
-    for name in module.__all__:
-        getattr(eres, name)
-names = eres.EventDataset.__name__, eres.open_sequence.__name__, eres.load_scene("room").name
-json.dump([*ended, names], sys.stdout)
+try:
+    import eres_events as eres, sensor, sensor.formats, sensor.representations, sensor.statistics
+    for module in (sensor, sensor.formats, sensor.representations, sensor.statistics):
+        for name in module.__all__:
+            getattr(eres, name)
+    python = eres.EventDataset.__name__, eres.open_sequence.__name__, eres.load_scene("room").name
+except ImportError as error:
+    python = repr(error)
+json.dump([*ended, python], sys.stdout)
 """
 ALONE = {
     "--version": "eres ",
