@@ -1,5 +1,6 @@
 """Methods and formats of installed distributions, found by their entry points."""
 
+import json
 import os
 
 import pytest
@@ -26,64 +27,65 @@ def rows():
 }
 
 
-@pytest.fixture
-def python(tmp_path):
-    for name, text in FILES.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
-    path = f"{environment()['PYTHONPATH']}{os.pathsep}{tmp_path}"
-    return lambda code: run_python(code, PYTHONPATH=path).stdout.split("\n")[:-1]
+ASKED = """
+import contextlib, io, json, sys
+import sensor.formats, tasks.registry
+from sensor.own_modules import installed
+from tasks.cli import main
 
+sys.argv, shown = ["eres", "--help"], io.StringIO()
+with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
+    main()
+of_help = shown.getvalue().count("\\n"), installed.cache_info().misses
 
-def test_a_distribution_adds_methods(python):
-    """Promise: they are listed by name and load like ours, and their code is part of a job's key;
-    they do not replace ours. One that is not there is one error, where it is used."""
-    found = python("""
+from sensor.formats import FORMATS, find_format
+of_formats = [find_format("a.h5").name, "others" in sys.modules]
+of_formats += [find_format("a.rows").title, find_format("a", "rows").title, [*FORMATS][-1]]
+
 from tasks.errors import TaskError
 from tasks.methods import check_method, code_of_tasks, load_method, task_of
 from tasks.registry import TASKS
-print(task_of("still"), [*TASKS["flow"].methods][-2:], len(TASKS["flow"].methods))
-print(load_method("flow", "still").__module__, load_method("flow", "photometric_flow").__module__)
-print(*code_of_tasks({"flow": ["still", "photometric_flow"]}))
+of_methods = [task_of("still"), [*TASKS["flow"].methods][-2:], len(TASKS["flow"].methods)]
+of_methods += [load_method("flow", name).__module__ for name in ("still", "photometric_flow")]
+of_methods += code_of_tasks({"flow": ["still", "photometric_flow"]})
 for task, name in (("flow", "still"), ("video", "absent"), ("tracking", "still")):
     try:
         check_method(task, name)
     except TaskError as error:
-        print(error)
-""")
-    assert found[:3] == [
-        "flow ['initial_flow', 'still'] 9",
-        "others tasks.methods.photometric_flow",
-        "others:still",
-    ]
-    assert found[3] == "video, method 'absent': found no function 'absent' in others"
-    assert found[4].startswith("tracking: no method 'still'")
+        of_methods.append(str(error))
+print(json.dumps({"help": of_help, "formats": of_formats, "methods": of_methods}))
+"""
 
 
-def test_a_distribution_adds_formats(python):
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What a process finds where the distribution is installed."""
+    folder = tmp_path_factory.mktemp("installed")
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    path = f"{environment()['PYTHONPATH']}{os.pathsep}{folder}"
+    return json.loads(run_python(ASKED, PYTHONPATH=path).stdout)
+
+
+def test_a_distribution_adds_methods(found):
+    """Promise: they are listed by name and load like ours, and their code is part of a job's key;
+    they do not replace ours. One that is not there is one error, where it is used."""
+    methods = found["methods"]
+    assert methods[:3] == ["flow", ["initial_flow", "still"], 9]
+    assert methods[3:6] == ["others", "tasks.methods.photometric_flow", "others:still"]
+    assert methods[6] == "video, method 'absent': found no function 'absent' in others"
+    assert methods[7].startswith("tracking: no method 'still'")
+
+
+def test_a_distribution_adds_formats(found):
     """Promise: its name and its extension are known; its code is imported only if none of ours
     fits."""
-    found = python("""
-import sys
-from sensor.formats import FORMATS, find_format
-print(find_format("a.h5").name, "others" in sys.modules)
-print(find_format("a.rows").title, find_format("a", "rows").title, [*FORMATS][-1])
-""")
-    assert found == ["dsec False", "rows of others rows of others rows"]
+    assert found["formats"] == ["dsec", False, "rows of others", "rows of others", "rows"]
 
 
-def test_help_looks_nothing_up(python):
+def test_help_looks_nothing_up(found):
     """Promise: `eres --help` and importing the packages do not look up our entry points."""
-    found = python("""
-import sys, sensor.formats, tasks.registry
-from sensor.own_modules import installed
-from tasks.cli import main
-sys.argv = ["eres", "--help"]
-try:
-    main()
-except SystemExit:
-    pass
-print(installed.cache_info().misses)
-""")
-    assert len(found) > 10
-    assert found[-1] == "0"
+    lines, looked_up = found["help"]
+    assert lines > 10
+    assert looked_up == 0

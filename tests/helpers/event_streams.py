@@ -45,20 +45,15 @@ def assert_same(a, b):
 def streams(draw, max_start_us=1 << 30):
     """Draw a short stream: small and large steps in time, ties, neighbors in a row, any pixel."""
     width, height = draw(st.integers(1, 2048)), draw(st.integers(1, 2048))
-    steps = draw(
-        st.lists(
-            st.one_of(
-                st.just(0), st.integers(0, 70), st.integers(0, 5000), st.integers(0, 1 << 25)
-            ),
-            max_size=40,
-        )
-    )
-    n = len(steps)
-    pixels = st.tuples(st.integers(0, width - 1), st.integers(0, height - 1), st.booleans())
-    x, y, p = np.array(draw(st.lists(pixels, min_size=n, max_size=n)), int).reshape(n, 3).T
-    if draw(st.booleans()):  # one row, one polarity, left to right
+    n = draw(st.integers(0, 40))
+    rng = np.random.default_rng(draw(st.integers(0, 1 << 32)))
+    steps = rng.integers(0, rng.choice([0, 70, 5000, 1 << 25], n), endpoint=True)
+    x, y, p = rng.integers(0, [[width], [height], [2]], (3, n))
+    x[rng.random(n) < 0.1], y[rng.random(n) < 0.1] = width - 1, height - 1
+    if draw(st.booleans()):  # one row, one time, one polarity, left to right
         x, y, p = np.minimum(np.arange(n), width - 1), np.zeros(n), np.ones(n)
-    t = draw(st.integers(0, max_start_us)) + np.cumsum(np.array(steps, int))
+        steps *= 0
+    t = draw(st.integers(0, max_start_us)) + np.cumsum(steps)
     model = draw(
         st.sampled_from(
             [

@@ -102,12 +102,12 @@ class Voltage:
         ]
 
 
-def bisect(f, low, high, steps):
-    """Return the point where f, monotone between low and high, changes its sign."""
-    rising = f(high) > 0
+def bisect(f, low, high, steps, level=0):
+    """Return the point where f, monotone between low and high, crosses a level."""
+    rising = f(high) > level
     for _ in range(steps):
         middle = (low + high) / 2
-        if (f(middle) > 0) == rising:
+        if (f(middle) > level) == rising:
             high = middle
         else:
             low = middle
@@ -134,14 +134,10 @@ def exact_events(radiance, t_s, pixel):
             step = C[0] if p > 0 else C[1]
             while abs(v_high - memory) >= step:
                 level = memory + p * step
-
-                def short_of(t, voltage=voltage, level=level):
-                    return voltage(t) - level
-
-                if short_of(low) * p >= 0:  # met at the interval's very start
+                if (v_low - level) * p >= 0:  # met at the interval's very start
                     t = low
                 else:
-                    t = bisect(short_of, low, high, CROSSING_BISECTIONS)
+                    t = bisect(voltage, low, high, CROSSING_BISECTIONS, level)
                 slope = abs(float(voltage.slope(t)))
                 slowness_us = max(slowness_us, 1e-12 / slope * 1e6 if slope else math.inf)
                 events.append(((t0 + t) * 1_000_000, p))

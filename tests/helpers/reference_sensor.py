@@ -1,7 +1,7 @@
 """A slow sensor: one pixel at a time in plain Python float64. The oracle for every kernel.
 
 It shares no code with the package, and finds crossings in another way: it divides each frame
-interval finely, brackets every turn and every crossing, and solves with Brent's method.
+interval finely to bracket every turn, and every crossing between turns, for Brent's method.
 """
 
 import math
@@ -65,15 +65,13 @@ def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
             return a * (pole_1(t) - pole_2(t)) + leak  # noqa: B023
 
         a = 2 * math.pi * cutoff
-        grid = np.linspace(0, dt, CUTS + 1).tolist()
+        turns = []
         if math.isfinite(cutoff):
-            turns = []
-            for t_a, t_b in pairwise(grid):
-                if slope(t_a) * slope(t_b) < 0:
+            fine = [(t, slope(t)) for t in np.linspace(0, dt, CUTS + 1).tolist()]
+            for (t_a, slope_a), (t_b, slope_b) in pairwise(fine):
+                if slope_a * slope_b < 0:
                     turns.append(brentq(slope, t_a, t_b, xtol=1e-15))
-            grid = sorted(grid + turns)
-        for t_a, t_b in pairwise(grid):
-            low, high = seen(t_a), seen(t_b)
+        for (t_a, low), (t_b, high) in pairwise([(t, seen(t)) for t in [0.0, *turns, dt]]):
             while abs(high - memory) >= C:
                 polarity = 1 if high > memory else -1
                 level = memory + polarity * C

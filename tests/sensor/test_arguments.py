@@ -512,7 +512,7 @@ def test_a_device_that_is_not_there_is_refused():
     one_line(error, "device: found 'tpu', expected 'cpu' or 'cuda'")
     code = """
 import numpy as np
-from sensor import *
+from sensor import SensorError, SensorModel, simulate
 try:
     simulate(np.ones((2, 4, 4)), [0.0, 1e-3], SensorModel(width=4, height=4), device="cuda")
 except SensorError as error:

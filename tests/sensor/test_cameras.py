@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
@@ -224,6 +224,7 @@ def values_of(key):
     return st.floats(key.least, most, allow_nan=False, allow_subnormal=False)
 
 
+@settings(max_examples=50)
 @given(data=st.data())
 def test_what_is_written_is_read(data, tmp_path):
     """Promise: any camera comes back whole, to the bit, with sources, intervals and bounds; its

@@ -8,17 +8,17 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
-from eres_render import ground_truth, load_scene, render_scene, window_times
+from eres_render import ground_truth, render_scene, window_times
 from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 from event_streams import SUFFIXES, assert_same, make_events, random_events
-from light_scenes import small_carpet_folder
 from sensor import Events, Readout, SensorModel, camera_names, read_out, simulate
 from sensor.errors import EventFormatError
 from sensor.events import concatenate
@@ -33,19 +33,26 @@ from sensor.formats import (
 from sensor.optics import crop_to_aspect
 from tasks.errors import TaskError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.events.simulation import SimulationOptions, simulate_frames
+from tasks.events.simulation import SimulationOptions, simulate_frames, simulate_sequence
 from tasks.registry import TASKS
 from tasks.warm_up import warn_of_frames
 
 
 @pytest.fixture(scope="module")
-def sequence(tmp_path_factory):
+def sequence(small_carpet, tmp_path_factory):
     """A rendered clip of 64 x 64 px."""
     folder = tmp_path_factory.mktemp("clip")
-    scene = load_scene(small_carpet_folder(folder / "carpet"))
     return render_scene(
-        scene, folder / "r", resolution=64, spp=1, max_displacement_px=1.0, samples=1
+        small_carpet, folder, resolution=64, spp=1, max_displacement_px=1.0, samples=1
     )[0]
+
+
+@pytest.fixture(scope="module")
+def with_truth(sequence, tmp_path_factory):
+    """A file of the clip's events with ground truth."""
+    path = tmp_path_factory.mktemp("truth") / "a.h5"
+    simulate_sequence(sequence, SensorModel(width=16, height=16), path, truth_step_s=0.02)
+    return path
 
 
 @pytest.mark.parametrize(
@@ -347,11 +354,9 @@ def test_convert_there_and_back(eres, tmp_path, name):
     assert back.read_bytes() == first.read_bytes()
 
 
-def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
+def test_truth_is_kept_from_dsec_to_dsec(eres, with_truth, tmp_path, caplog):
     """Promise: conversion keeps, without change, everything that the output format can store."""
-    a, b = tmp_path / "a.h5", tmp_path / "b.hdf5"
-    arguments = ["--resolution", 16, "--truth", 0.02]
-    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    a, b = Path(shutil.copy(with_truth, tmp_path)), tmp_path / "b.hdf5"
     with h5py.File(a, "r+") as file:
         file["truth"].attrs["made by"] = "hand"
         file["truth"].create_group("more")["empty"] = h5py.Empty("f4")
@@ -377,11 +382,9 @@ def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
                 np.testing.assert_array_equal(new[...], old[...])
 
 
-def test_damaged_truth_is_not_copied(eres, sequence, tmp_path):
+def test_damaged_truth_is_not_copied(eres, with_truth, tmp_path):
     """Promise: a wrong checksum is an error that names the file, and no output file appears."""
-    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
-    arguments = ["--resolution", 16, "--truth", 0.02]
-    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    a, b = Path(shutil.copy(with_truth, tmp_path)), tmp_path / "b.h5"
     with h5py.File(a) as file:
         chunk = file["truth/depth"].id.get_chunk_info(1)
     data = bytearray(a.read_bytes())
@@ -514,12 +517,9 @@ def test_convert_asks_for_a_size(eres, tmp_path):
     assert_same(load_events(out), make_events([500_000], [3], [4], [1], 346, 260))
 
 
-def test_convert_shifts_everything_together(eres, sequence, tmp_path):
+def test_convert_shifts_everything_together(eres, with_truth, tmp_path):
     """Promise: --shift-us and --from-start move events, triggers, truth and window alike."""
-    a, b, c = (tmp_path / f"{name}.h5" for name in "abc")
-    assert (
-        eres("simulate", sequence.folder, "--out", a, "--resolution", 16, "--truth", 0.02)[0] == 0
-    )
+    a, b, c = with_truth, tmp_path / "b.h5", tmp_path / "c.h5"
     events, first_us = load_events(a), int(load_events(a).t_us[0])
     assert eres("convert", a, b, "--shift-us", 1234567)[0] == 0
     assert eres("convert", b, c, "--from-start")[0] == 0

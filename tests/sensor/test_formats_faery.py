@@ -8,7 +8,7 @@ import pytest
 
 from event_streams import assert_same, make_events, random_events
 from sensor import EventFormatError
-from sensor.formats import faery_process, load_events, read_header, write_events
+from sensor.formats import faery_process, load_events, write_events
 
 KINDS = ("aedat4", "dat1", "dat2", "es", "atis")
 
@@ -50,9 +50,8 @@ def test_files_of_faery(kind, tmp_path):
     """Promise: time, place from the top left and polarity of every event, and the size."""
     events = random_events(5000, width=300, height=200, mean_us=30)
     path = write(tmp_path, kind, events)
-    found, header = load_events(path), read_header(path)
+    found = load_events(path)
     assert_same(found, events)
-    assert (header.width, header.height) == (300, 200)
     write_events(tmp_path / "a.h5", found)
     assert_same(load_events(tmp_path / "a.h5"), events)
 
@@ -62,7 +61,6 @@ def test_a_dat_file_without_a_size_asks_for_it(tmp_path):
     path = tmp_path / "a.dat"
     words = np.array([5, 3 | 4 << 14 | 1 << 28, 6, 299 | 199 << 14], "<u4")
     path.write_bytes(b"% Data file containing CD events.\n% Version 2\n\x0c\x08" + words.tobytes())
-    assert read_header(path).width is None
     with pytest.raises(EventFormatError, match="does not store the sensor's size; give it"):
         load_events(path)
     found = load_events(path, size=(300, 200))
@@ -78,15 +76,13 @@ def test_times_of_dat_that_run_backwards(tmp_path):
     """Promise: they are refused, or sorted on request, and never changed; the clock may wrap."""
     path = tmp_path / "a.dat"
     words = [(2**32 - 7, 1), (2**32 - 9, 2), (1, 3), (0, 4), (5, 5)]
-    path.write_bytes(DAT + np.array(words, "<u4").tobytes())
+    data = np.array(words, "<u4").tobytes()
+    path.write_bytes(DAT + data)
     with pytest.raises(EventFormatError, match="events from 0: its event 1 is earlier"):
         load_events(path)
     t_us = [2**32 - 9, 2**32 - 7, 2**32, 2**32 + 1, 2**32 + 5]
     expected = make_events(t_us, [2, 1, 4, 3, 5], [0] * 5, [0] * 5, 300, 200)
-    assert_same(load_events(path, sort=True), expected)
-    path.write_bytes(
-        DAT.replace(b"\n\x0c", b"\n% T0 1000\n\x0c") + np.array(words, "<u4").tobytes()
-    )
+    path.write_bytes(DAT.replace(b"\n\x0c", b"\n% T0 1000\n\x0c") + data)
     assert_same(load_events(path, sort=True), expected.later(1000))
 
 
@@ -98,14 +94,16 @@ def test_dat_that_ends_within_an_event_is_an_error(tmp_path):
         load_events(path)
 
 
-@pytest.mark.parametrize("kind", [pytest.param("aedat4", marks=pytest.mark.slow), "es"])
-def test_damage_ends_no_process(kind, tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "files"), [pytest.param("aedat4", 4, marks=pytest.mark.slow), ("es", 2)]
+)
+def test_damage_ends_no_process(kind, files, tmp_path):
     """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
     path = write(tmp_path, kind, random_events(200, width=300, height=200, mean_us=30))
     data = path.read_bytes()
     chance = random.Random(2)
     outcomes = []
-    for k in range(4):
+    for k in range(files):
         damaged = bytearray(data[: chance.randrange(len(data))] if k == 0 else data)
         for _ in range(3):
             damaged[chance.randrange(min(len(damaged), 60))] ^= 1 << chance.randrange(8)
@@ -164,7 +162,7 @@ def test_packets_out_of_order(tmp_path):
 
 
 TALKATIVE = """import sys
-sys.stderr.write(1_000_000 * "a line of a log " + "\\n")
+sys.stderr.write(100_000 * "a line of a log " + "\\n")
 """ + BACKWARDS.replace("(7, 5)", "(5, 7)")
 
 

@@ -30,7 +30,6 @@ from sensor.formats import (
 )
 
 EVERY = pytest.mark.parametrize("name", list(SUFFIXES))
-QUICK = settings(max_examples=60)
 
 
 def file_of(folder, name):
@@ -43,7 +42,7 @@ def in_parts(events, cuts):
 
 
 @EVERY
-@QUICK
+@settings(max_examples=30)
 @given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3))
 def test_every_event_comes_back(name, events, cuts, tmp_path):
     """Promise: for any parts of writing and of reading, columns, size and model are the same."""
@@ -77,7 +76,7 @@ def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, mon
 
 @EVERY
 def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
-    """Promise: ten times as many events need no more memory to write or read."""
+    """Promise: three times as many events need no more memory to write or read."""
     monkeypatch.setattr(parts, "PART_EVENTS", 1 << 12)
     monkeypatch.setattr(evt, "_READ_WORDS", 1 << 12)
     monkeypatch.setattr(text, "_READ_BYTES", 1 << 14)
@@ -100,8 +99,8 @@ def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
         return used
 
     peak(1)  # imports and compilation
-    few, many_more = peak(20), peak(120)
-    assert many_more < few + (1 << 19)  # the longer stream takes 6 MB as arrays
+    few, many_more = peak(20), peak(60)
+    assert many_more < few + (1 << 19)  # the longer stream has 2 MB more of arrays
 
 
 @EVERY
@@ -272,9 +271,10 @@ def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
 
 
 @pytest.mark.parametrize("error", [OSError("camera is gone"), TimeoutError("no answer")], ids=str)
-def test_an_error_of_the_source_is_the_source_s(error, tmp_path):
+def test_an_error_of_the_source_is_the_source_s(error, tmp_path, monkeypatch):
     """Promise: it arrives as it was raised, however late, and is not said to be of the new file."""
-    large = random_events(parts.PART_EVENTS + 1)
+    monkeypatch.setattr(parts, "PART_EVENTS", 1000)
+    large = random_events(1001)
 
     def source():
         yield large
@@ -395,7 +395,7 @@ def test_the_unit_of_times_is_given_or_in_the_file(unit, scale, tmp_path):
         load_events(tmp_path / "a.npz", time_unit="s")
 
 
-@QUICK
+@settings(max_examples=60)
 @given(
     digits=st.integers(0, 10**18 - 1),
     exponent=st.integers(-30, 12),

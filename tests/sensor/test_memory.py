@@ -20,7 +20,7 @@ LARGE = 1 << 21
 def small_parts(monkeypatch):
     """All arrays, however small, reuse memory, and parts are small."""
     monkeypatch.setattr(memory, "_MIN_BYTES", 1)
-    monkeypatch.setattr(sorting, "_PART_EVENTS", 3000)
+    monkeypatch.setattr(sorting, "_PART_EVENTS", 700)
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -28,8 +28,8 @@ def small_parts(monkeypatch):
 def test_parts_that_are_kept_stay_as_they_were(small_parts, cutoff_hz, threads):
     """Promise: parts of a stream that are kept, or a column of each, equal those of a fresh run,
     while other streams and threads reuse memory."""
-    frames, t_s = texture_in_motion(3, 24, (96, 120), 2e-3, travel_px=24.0)
-    model = SensorModel(width=120, height=96, cutoff_hz=cutoff_hz, contrast_threshold=0.1)
+    frames, t_s = texture_in_motion(3, 24, (48, 60), 2e-3, travel_px=24.0)
+    model = SensorModel(width=60, height=48, cutoff_hz=cutoff_hz, contrast_threshold=0.1)
     with ThreadPoolExecutor(3) as pool:
         runs = list(pool.map(lambda _: list(stream(frames, t_s, model, threads=threads)), range(3)))
     times = []
@@ -49,8 +49,8 @@ def test_columns_that_grow_with_each_part_hold_the_stream(monkeypatch, small_par
     """Promise: `simulate` returns what `stream` yields, however wrong its prediction of the size,
     and also where a part is not in the columns because events were removed from it."""
     monkeypatch.setattr(bank, "_RESERVE", 0.0)
-    frames, t_s = texture_in_motion(3, 20, (96, 120), 2e-3, travel_px=20.0)
-    model = SensorModel(width=120, height=96, contrast_threshold=0.1, refractory_s=refractory_s)
+    frames, t_s = texture_in_motion(3, 20, (48, 60), 2e-3, travel_px=20.0)
+    model = SensorModel(width=60, height=48, contrast_threshold=0.1, refractory_s=refractory_s)
     parts = list(stream(frames, t_s, model))
     events = simulate(frames, t_s, model)
     assert len(parts) > 5
@@ -106,8 +106,8 @@ def test_arrays_that_are_held_do_not_push_out_the_rest():
 
 
 def test_release_memory_gives_everything_back(small_parts):
-    frames, t_s = texture_in_motion(3, 4, (96, 120), 2e-3, travel_px=4.0)
-    events = simulate(frames, t_s, SensorModel(width=120, height=96))
+    frames, t_s = texture_in_motion(3, 4, (48, 60), 2e-3, travel_px=4.0)
+    events = simulate(frames, t_s, SensorModel(width=60, height=48))
     copy = events.copy()
     assert memory.MEMORY._blocks
     sensor.release_memory()

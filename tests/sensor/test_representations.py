@@ -154,6 +154,7 @@ def test_time_surface_refuses_ages_beyond_64_bits():
     assert not time_surface(empty, tau_us=1e3, t_us=1 << 70).any()
 
 
+@settings(max_examples=30)
 @given(streams())
 def test_structured_arrays_keep_every_event(events):
     """Promise: tonic's dtype, there and back."""

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from tasks.metric import LAST_BITS, MIN_SAMPLES_FOR_INTERVAL, number_text
 from tasks.study.results.cells import Cell, effective_samples
@@ -168,5 +168,5 @@ def widening(number: int, tail: float) -> float:
     """
     if tail == 0.0:
         return 1.0
-    quantiles = t.ppf(1.0 - tail, number - 1) / norm.ppf(1.0 - tail)
+    quantiles = stdtrit(number - 1, 1.0 - tail) / ndtri(1.0 - tail)
     return float(quantiles * math.sqrt(number / (number - 1)))
