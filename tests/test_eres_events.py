@@ -43,7 +43,7 @@ def folder(request, tmp_path):
 USE = """
 import multiprocessing
 import eres_events as eres
-from eres_events import Camera, load_events
+from eres_events import EventDataset, load_scene, simulate, voxel_grid
 from tasks.registry import TASKS
 
 if __name__ == "__main__":
