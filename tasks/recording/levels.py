@@ -265,12 +265,13 @@ def levels_of(
         usable = f"found {used_events.sum()} usable events during the frames"
         raise TaskError(f"{usable}, expected at least {_LEAST}; do the clocks agree?")
     group = pixel * (1 + len(pixel)) + rank // _BLOCK
+    kept, of_kept = np.unique(pixel[used_events], return_inverse=True)
     return Levels(
         light_us=light_us,
-        log_light=np.log(rows.astype(np.float64) + dark),
+        log_light=np.log(rows[:, kept].astype(np.float64) + dark),
         dark=dark,
         t_us=t_us[used_events],
-        pixel=pixel[used_events],
+        pixel=of_kept,
         on=np.cumsum(p > 0)[used_events].astype(np.float64),
         off=np.cumsum(p < 0)[used_events].astype(np.float64),
         block=np.unique(group[used_events], return_inverse=True)[1],

@@ -90,10 +90,14 @@ def _motion(events: Events, begin_us: int, longest_us: int, start: Start, least_
         window = Window(begin_us, begin_us + length_us)
         during = events.between(window.start_us, window.end_us)
         corners_px = event_corners(during)[:_CORNERS]
-        samples = [start.sample(during, window, corner_px) for corner_px in corners_px]
-        answers = [determined(estimate, sample) for sample in samples]
-        moved_px = [float(np.linalg.norm(flow.flow)) for flow in answers if not flow.failure]
-        if 2 * len(moved_px) > len(answers) and (median_px := np.median(moved_px)) >= least_px:
+        moved_px: list[float] = []
+        for count, corner_px in enumerate(corners_px, start=1):
+            flow = determined(estimate, start.sample(during, window, corner_px))
+            if not flow.failure:
+                moved_px.append(float(np.linalg.norm(flow.flow)))
+            elif 2 * (count - len(moved_px)) >= len(corners_px):
+                break  # most will not have moved
+        if 2 * len(moved_px) > len(corners_px) and (median_px := np.median(moved_px)) >= least_px:
             return float(median_px) / length_us
         if length_us == longest_us:
             return 0.0

@@ -10,14 +10,16 @@ def texture_in_motion(seed, frames, size, interval_s, travel_px=8.0):
     times."""
     rng = np.random.default_rng(seed)
     height, width = size
-    fy, fx = np.fft.fftfreq(2 * height)[:, None], np.fft.fftfreq(2 * width)[None]
+    fy, fx = np.fft.fftfreq(2 * height)[:, None], np.fft.rfftfreq(2 * width)[None]
     radius = np.hypot(fy, fx)
     radius[0, 0] = np.inf
-    spectrum = np.fft.fft2(rng.standard_normal((2 * height, 2 * width))) / radius
+    spectrum = np.fft.rfft2(rng.standard_normal((2 * height, 2 * width))) / radius
     angle = rng.uniform(0, 2 * math.pi)
     t_s = np.arange(frames) * interval_s * (1 + 0.2 * rng.random())
     way = travel_px * t_s[:, None, None] / t_s[-1]
-    shift = np.exp(-2j * np.pi * way * (fy * math.sin(angle) + fx * math.cos(angle)))
-    views = np.fft.ifft2(spectrum * shift).real
+    down, right = (
+        np.exp(-2j * np.pi * way * f) for f in (fy * math.sin(angle), fx * math.cos(angle))
+    )
+    views = np.fft.irfft2(spectrum * down * right)
     views *= 0.7 / views.std()
     return np.exp(views[:, :height, :width]).astype(np.float32), t_s

@@ -160,7 +160,7 @@ def moving(C_on, C_off, dark, **electronics):
 @pytest.fixture(autouse=True)
 def few_events(monkeypatch):
     """Keep these tests fast."""
-    monkeypatch.setattr("tasks.recording.levels._MAX_EVENTS", 12_000)
+    monkeypatch.setattr("tasks.recording.levels._MAX_EVENTS", 8_000)
 
 
 def known(events, dark):

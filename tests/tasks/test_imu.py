@@ -73,7 +73,7 @@ def test_derivatives_are_those_of_the_path():
         np.testing.assert_allclose(twice.gyroscope, 2 * one.angular_velocity(t))
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
+@pytest.mark.parametrize("rate_hz", [25.0, 100.0])
 def test_noise_has_its_densities_at_any_rate(rate_hz):
     """White noise averages out as n / sqrt(T); a bias wanders by w sqrt(T)."""
     options = ImuOptions(
@@ -84,7 +84,8 @@ def test_noise_has_its_densities_at_any_rate(rate_hz):
         accelerometer_walk=0.1,
     )
     t_s = np.arange(round(rate_hz) + 1) / rate_hz
-    runs = [measure(path(), t_s, options, seed) for seed in range(300)]
+    at_rest = path()
+    runs = [measure(at_rest, t_s, options, seed) for seed in range(300)]
     for k, name in enumerate(("gyroscope", "accelerometer")):
         bias = np.array([run[k + 2] for run in runs])
         still = (0, 0, 9.80665) if k else (0, 0, 0)

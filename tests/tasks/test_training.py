@@ -43,8 +43,9 @@ from tasks.learned.training import loop  # noqa: E402
 from tasks.learned.training.flow import Flow  # noqa: E402
 from tasks.learned.training.loop import Training, start  # noqa: E402
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
+from tasks.learned.training.run_folder import opened  # noqa: E402
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
+pytestmark = pytest.mark.usefixtures("one_torch_thread", "small_textures")
 
 BRIEF = Schedule(
     steps=4, crops_per_step=1, rising_steps=2, validate_every=2, validation_crops=1,
@@ -76,7 +77,15 @@ def trained(folder, light="all", seed=0, settings=TINY, code="x", **options):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def small_textures():
+    """Keep these tests fast: textures have a sixteenth of the texels."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tasks.random_crops.texture.SIDE", 128)
+        yield
+
+
+@pytest.fixture(scope="module")
+def run(small_textures, tmp_path_factory):
     """A finished training."""
     folder = tmp_path_factory.mktemp("run")
     problem, scores = trained(folder)
@@ -160,6 +169,7 @@ def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
 def test_other_code_is_said_at_every_start(tmp_path, caplog):
     """Promise: code is compared with that of the start before; changes without a commit have no
     name to compare."""
+    settings = {"task": "flow", "light": "all", "seed": 0}
     started = "with code git one-dirty, and was started"
     for run, steps in (
         (
@@ -172,10 +182,11 @@ def test_other_code_is_said_at_every_start(tmp_path, caplog):
             [("git one", ""), ("git two", "with code git two"), ("git one", "git one; git two")],
         ),
     ):
-        for k, (code, said) in enumerate(steps):
+        for code, said in steps:
             caplog.clear()
-            with caplog.at_level(logging.WARNING):
-                stopped(tmp_path / run, k + 1, code=code)
+            made_with = {"code": code}
+            with caplog.at_level(logging.WARNING), opened(tmp_path / run, settings, made_with):
+                (tmp_path / run / "checkpoint.pt").touch()
             assert said in caplog.text
             assert bool(said) == bool(caplog.text)
 
@@ -545,10 +556,11 @@ def test_the_page_shows_every_setting_with_its_default(task, known, tmp_path):
     [(Reconstruction, ReconstructionTraining, 0.1), (Flow, FlowTraining, 0.02)],
 )
 def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(
-    problem_of, kind, within, light
+    problem_of, kind, within, light, monkeypatch
 ):
     """Promise: the scores of the training, within 0.1 dB or 0.02 px, on the held-out crops of its
     settings."""
+    monkeypatch.setattr("tasks.random_crops.texture.SIDE", 512)
     task = problem_of.__name__
     card = Path(__file__).parents[2] / "docs" / "networks_card.md"
     section = card.read_text(encoding="utf-8").split(f"## {task}\n")[1]
