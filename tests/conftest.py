@@ -17,7 +17,6 @@ for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signa
     if signal.getsignal(getattr(signal, _name)) == signal.SIG_IGN:
         signal.signal(getattr(signal, _name), _handler)
 
-os.environ["NUMBA_CACHE_DIR"] = str(ROOT / "build" / "numba")  # read when Numba is imported
 # Read when NumPy is imported: the small problems of tests are slower on several threads, and two
 # workers share the machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -45,7 +44,6 @@ FIRST = (
     "eres_render/test_scenes.py",
     "tasks/test_cli_light.py",
     "tasks/test_view.py",  # the last of all by name
-    "study/test_report_browser.py",
     "study/test_run.py",
     "tasks/rig/test_virtual_rig.py",
     "tasks/test_fitting.py",

@@ -28,7 +28,7 @@ def run(folder, code):
     )
 
 
-@pytest.fixture(params=["modules", "packages"])
+@pytest.fixture(params=["modules", pytest.param("packages", marks=pytest.mark.slow)])
 def folder(request, tmp_path):
     """A folder of a user with modules or packages of these names."""
     for name in NAMES:

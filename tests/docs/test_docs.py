@@ -95,6 +95,7 @@ def resolves(name):
     return False
 
 
+@pytest.mark.slow
 def test_the_readme_starts_at_once(capsys):
     """Promise: at most 900 words, a command within the first 150, and Python that runs."""
     text = (ROOT / "README.md").read_text()

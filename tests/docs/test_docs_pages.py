@@ -64,6 +64,7 @@ def test_a_slow_bus_drops_events(sensors):
     assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "plain.h5"))
 
 
+@pytest.mark.slow
 def test_the_page_of_cameras_prints_what_it_shows(tmp_path):
     if select_variant().startswith("scalar"):
         pytest.skip("scalar variants render pinholes only")
@@ -78,11 +79,13 @@ def test_the_page_of_fitted_cameras_prints_what_it_shows(tmp_path):
     assert len(again) == pytest.approx(len(real.between(0, 396_000)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_page_of_live_cameras_prints_what_it_shows(tmp_path):
     """Promise: a video, v2e's interface and a camera turned by its events work as shown."""
     follow("live.md", tmp_path)
 
 
+@pytest.mark.slow
 def test_the_page_for_networks_has_windows_with_flow(tmp_path):
     follow("learning.md", tmp_path)  # asserts shapes
     assert (tmp_path / "data" / "clip_001.h5").is_file()

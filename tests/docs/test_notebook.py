@@ -12,6 +12,7 @@ from sensor import Events
 NOTEBOOK = Path(__file__).parents[2] / "docs" / "notebooks" / "events.ipynb"
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path, monkeypatch):
     """Promise: each cell runs after the one before, and the last image is of five bins."""
     mpl.use("agg")

@@ -5,12 +5,10 @@ import pytest
 from docs_page import DOCS, follow, matches
 
 PAGES = sorted(page.name for page in (DOCS / "tutorials").glob("*.md"))
-LONG = ("your_question.md", "your_scene.md")  # they render
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in LONG)) for page in PAGES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES)
 def test_a_tutorial_prints_what_it_shows(page, tmp_path):
     """Promise: who types what a tutorial says reads what it shows."""
     follow(f"tutorials/{page}", tmp_path)

@@ -30,6 +30,7 @@ print(json.dumps([[asdict(v) for v in probe_variants()], select_variant()]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not BAD_LLVM.exists(), reason="needs Debian 12's LLVM 15")
 def test_an_llvm_that_aborts_the_process_is_survived_and_reported(tmp_path):
     """LLVM 15 ends the process; expected: scalar rendering, and one warning that says what to

@@ -379,6 +379,7 @@ def test_scenes_in_one_folder_do_not_take_each_others_lightmaps(tmp_path, monkey
     assert set(bake.lightmaps(one)) == {"floor", "stage"}
 
 
+@pytest.mark.slow
 def test_a_part_of_a_uv_square_that_no_probe_hits_is_baked(tmp_path):
     """Promise: a chart of four millionths of an atlas is baked with small cells; lightmaps with
     cells that are too large for it, or too many, are refused by name."""
@@ -408,6 +409,7 @@ def test_a_chart_beside_the_uv_square_is_not_baked(tmp_path, start):
         irradiance_maps(scene, 0.5, 4)
 
 
+@pytest.mark.slow
 def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():
     """With fewer samples, a new lightmap differs by rounding and noise only: 0.2 % at 1024 spp."""
     scene = load_scene("carpet")

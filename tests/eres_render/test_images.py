@@ -35,6 +35,7 @@ print(codes)
 """
 
 
+@pytest.mark.slow
 def test_a_damaged_image_is_named(tmp_path):
     """Promise: exit code 1, our own line, and no other output, for a truncated file and for one
     with changed bytes."""

@@ -139,6 +139,7 @@ def test_packaged_meshes_are_what_the_code_makes(pieces):
         assert atlas.ply() == (folder / f"{name}.ply").read_bytes()
 
 
+@pytest.mark.slow
 def test_no_two_surfaces_of_the_room_coincide(pieces):
     """Where two faces lie in one plane, rounding would choose which of them is seen."""
     charts = [chart for _, atlas in pieces.values() for chart in atlas.charts]

@@ -53,7 +53,7 @@ def test_it_is_the_room_but_for_the_wood():
     assert "varnished_room" not in list_scenes()
 
 
-@pytest.mark.parametrize("varnish", [True, False])
+@pytest.mark.parametrize("varnish", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_highlight_moves_with_the_camera(tmp_path, varnish):
     """Promise: varnish shows the lamp in the mirror direction; matte wood looks the same from all
     sides."""

@@ -10,7 +10,12 @@ from event_streams import assert_same, make_events, random_events
 from sensor import EventFormatError
 from sensor.formats import faery_process, load_events, write_events
 
-KINDS = ("aedat4", "dat1", "dat2", "es", "atis")
+KINDS = (
+    "aedat4",
+    "dat2",
+    "es",
+    *(pytest.param(k, marks=pytest.mark.slow) for k in ("dat1", "atis")),
+)
 
 
 def packet_of(events):

@@ -1,5 +1,7 @@
 """The sensor is independent: it needs numpy, numba, scipy, and two small libraries."""
 
+import pytest
+
 from another_process import run_python
 
 ALONE = """
@@ -33,6 +35,7 @@ for name, format in FORMATS.items():
 """
 
 
+@pytest.mark.slow
 def test_sensor_works_with_few_packages(tmp_path):
     """Promise: `import sensor`, `simulate` and all own formats but HDF5 need no other package."""
     fired, *formats = run_python(ALONE, tmp_path, PATH="").stdout.splitlines()

@@ -4,6 +4,7 @@ import signal
 import threading
 
 import h5py
+import pytest
 
 from another_process import run_python
 from event_streams import random_events
@@ -64,6 +65,7 @@ print(total)
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_every_call_of_hdf5(tmp_path):
     """Promise: Ctrl-C at any moment in HDF5 ends the writing, and leaves no file and no harm."""
     assert int(run_python(EVERY_CALL, tmp_path).stdout) > 50

@@ -15,6 +15,7 @@ from tasks.row import Row
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
+pytestmark = pytest.mark.slow
 PHONE, DESK, WALL = (390, 844), (1280, 2000), (1920, 1080)
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 STORED = sorted(file.parent.name for file in RESULTS.glob("*/rows.parquet"))
@@ -87,24 +88,14 @@ def assert_tables_fill_the_page(page: sync_api.Page, size: tuple[int, int], firs
         assert page.evaluate(said).startswith(f'"{first}')
 
 
-@pytest.mark.parametrize(
-    ("size", "scheme"),
-    [
-        (PHONE, "dark"),
-        (DESK, "light"),
-        (WALL, "dark"),
-        pytest.param(PHONE, "light", marks=pytest.mark.slow),
-        pytest.param(DESK, "dark", marks=pytest.mark.slow),
-        pytest.param(WALL, "light", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("size", [PHONE, DESK, WALL])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_opens_without_complaint_and_network(
     chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
     assert open_whole(chromium, report, size, scheme, first='ideal, 0.9 m/s"') == 45
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", STORED)
 def test_reports_of_the_stored_runs_open_too(
     chromium: sync_api.Browser, tmp_path: Path, name: str

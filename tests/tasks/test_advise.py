@@ -224,6 +224,7 @@ def test_one_pole_is_refused():
         ladder(View(speed=1.0, distance=1.0, lux=100), camera, [346])
 
 
+@pytest.mark.slow
 def test_it_answers_at_once(tmp_path):
     """Promise: in less than a second of CPU time where `eres --help` takes 0.3, without what
     simulating and plotting load."""

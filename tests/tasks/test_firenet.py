@@ -183,6 +183,7 @@ def test_memory_is_known_before(saved, monkeypatch, name):
         network.check_size(1280, 1280)
 
 
+@pytest.mark.slow
 def test_firenet_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
     """Promise: `--weights` alone runs both; the settings of E2VID's windows are theirs too, and not
     those of our networks."""

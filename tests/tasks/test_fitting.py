@@ -360,6 +360,7 @@ def test_events_before_their_light_are_refused():
         fit_motion(*known(late, 1e-2))
 
 
+@pytest.mark.slow
 def test_a_delay_beyond_the_search_is_refused():
     """Promise: two poles at 20 Hz are late by 16 ms, and 0.27 s of light shows up to 14 ms: neither
     a cutoff nor thresholds of a shorter delay are given, where intervals would miss the truth."""
@@ -570,7 +571,7 @@ def test_all_parameters_come_back_in_their_intervals(eres, tmp_path, dark):
     assert camera.photoreceptor == "two_pole"
 
 
-@pytest.mark.parametrize("option", [(), ("--dark", 1e-2)])
+@pytest.mark.parametrize("option", [(), pytest.param(("--dark", 1e-2), marks=pytest.mark.slow)])
 def test_a_fitted_camera_gives_the_counts_back(eres, tmp_path, option):
     """Promise: fit, then simulate with the file alone: the numbers of events at a dark level of 1 %
     of white are those of the recording, with the level given or found."""
@@ -591,7 +592,10 @@ def test_a_fitted_camera_gives_the_counts_back(eres, tmp_path, option):
         assert np.sum(again.p == p) == pytest.approx(np.sum(events.p == p), rel=0.04)
 
 
-@pytest.mark.parametrize(("check", "dark_share"), [("first", 2e-2), ("second", None)])
+@pytest.mark.parametrize(
+    ("check", "dark_share"),
+    [("first", 2e-2), pytest.param("second", None, marks=pytest.mark.slow)],
+)
 def test_the_held_out_half_chooses_nothing(tmp_path, check, dark_share):
     """Promise: the fit is that of a recording which ends, or begins, at the middle frame, with its
     dark level given or found."""

@@ -172,6 +172,7 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
     assert all(0.14 <= C <= 0.26 for C in thresholds)
 
 
+@pytest.mark.slow
 def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, monkeypatch):
     """Promise: the same command continues where it was stopped; a sequence gets its name only when
     it is complete; and it is the same whatever was made before it."""
@@ -389,6 +390,7 @@ def test_a_dataset_has_the_sensor_of_eres_simulate(tmp_path, eres, monkeypatch, 
     assert {name: found[name] for name in fields} == fields
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default:Creating scratch directories")
 def test_workers_make_the_same_sequences(made, tmp_path, eres):
     """Promise: a worker's files are the same byte by byte; a worker without the folder says so."""

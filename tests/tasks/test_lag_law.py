@@ -191,6 +191,7 @@ def test_the_page_has_the_delays_of_the_command(stored, capsys):
     assert lines_on_the_page(capsys) == (12, 22)  # of two heads, and ten and ten lines
 
 
+@pytest.mark.slow
 def test_the_crossing_follows_the_detail_along_the_motion():
     """Physics: at a lag of 0.8 px the finer sensor wins with detail in all directions, loses with
     stripes across the motion; at 3 px it loses with two poles, and not with one."""

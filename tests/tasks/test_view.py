@@ -685,6 +685,7 @@ def row(page):
     return np.asarray(picture.convert("RGB"))[0].tolist()
 
 
+@pytest.mark.slow
 def test_the_page_plays_events(eres, tmp_path, chromium):
     """Promise: the slider, the keys and the window show the events that a picture shows."""
     file, out = tmp_path / "few.npz", tmp_path / "few.html"
@@ -733,6 +734,7 @@ def test_the_page_plays_events(eres, tmp_path, chromium):
     assert complaints == []
 
 
+@pytest.mark.slow
 def test_the_page_shows_frames_behind_events(eres, tmp_path, clip, chromium):
     """Promise: a pixel without events shows the frame of its time, one with events their color, as
     opaque as in a picture; frames are scaled down and thinned out, so that a page stays small."""
@@ -782,15 +784,9 @@ def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
         assert (picture.format, picture.size) == ("WEBP", (32, 24))
 
 
-@pytest.mark.parametrize(
-    ("width", "scheme"),
-    [
-        (390, "dark"),
-        (1280, "light"),
-        pytest.param(390, "light", marks=pytest.mark.slow),
-        pytest.param(1280, "dark", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_fits_and_needs_no_network(eres, tmp_path, recording, chromium, width, scheme):
     out = tmp_path / "page.html"
     assert eres("view", recording, recording, "--out", out)[0] == 0
