@@ -18,7 +18,7 @@ demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
 # Two files at a time: each may hold a scene of a gigabyte.
-test: .venv/.bytecode .venv/.llvm .venv/.chromium
+test: .venv/.bytecode .venv/.llvm
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/.bytecode .venv/.llvm .venv/.chromium
