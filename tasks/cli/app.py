@@ -43,13 +43,15 @@ def require(values: Sized, what: str) -> None:
 def commands(functions: Iterable[Callable[..., Any]], given: Collection[str]) -> SubcommandApp:
     """Make commands of functions, with their names.
 
-    The help of a command that is not `given` is only its first line, for the list of all commands.
+    Only the one that is `given`, if one is: each costs time. In a list of all, the help of each is
+    its first line.
     """
     app = SubcommandApp()
-    for function in functions:
+    every = [*functions]
+    chosen = [function for function in every if function.__name__ in given]
+    for function in chosen or every:
         text = _prepare(function)
-        whole = function.__name__ in given
-        app.command(help=wrapped(text) if whole else text.partition("\n")[0])(function)
+        app.command(help=wrapped(text) if chosen else text.partition("\n")[0])(function)
     return app
 
 
