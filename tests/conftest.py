@@ -47,7 +47,6 @@ FIRST = (
     "study/test_run.py",
     "tasks/rig/test_virtual_rig.py",
     "tasks/test_fitting.py",
-    "docs/test_docstring_examples.py",
     "tasks/test_generation.py",
     "tasks/test_training.py",
     "study/test_report.py",

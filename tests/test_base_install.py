@@ -12,6 +12,7 @@ from another_process import ROOT, run_python
 from few_packages import BASE
 from tasks.extras import EXTRAS
 
+pytestmark = pytest.mark.slow
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 COMMANDS = """
 import contextlib, io, json, os, sys

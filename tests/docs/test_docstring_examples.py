@@ -42,6 +42,7 @@ def clips(tmp_path_factory):
     return folder / "clips"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=module_name)
 def test_examples_print_what_they_show(path, tmp_path, monkeypatch, request):
     """Promise: pasted into an interpreter, in any folder, each example by itself works."""

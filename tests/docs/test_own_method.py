@@ -25,6 +25,7 @@ from tasks.study.config import Evaluate
 from tasks.study.run.jobs import jobs_of
 from tasks.study.study_file import read_study
 
+pytestmark = pytest.mark.slow
 DOOR_LINES = 20
 """From outside, a method or a task takes fewer lines of code than this."""
 

@@ -244,6 +244,7 @@ def test_a_path_traced_render_warns_with_numbers(tmp_path, shiny_room, caplog):
     assert "are false, as they are absent with 64 times the samples" in warning
 
 
+@pytest.mark.slow
 def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog):
     """Promise: a study with false events reports them, by the same measurement."""
     study = Study(

@@ -10,12 +10,8 @@ from event_streams import assert_same, make_events, random_events
 from sensor import EventFormatError
 from sensor.formats import faery_process, load_events, write_events
 
-KINDS = (
-    "aedat4",
-    "dat2",
-    "es",
-    *(pytest.param(k, marks=pytest.mark.slow) for k in ("dat1", "atis")),
-)
+pytestmark = pytest.mark.slow
+KINDS = ("aedat4", "dat1", "dat2", "es", "atis")
 
 
 def packet_of(events):
@@ -99,9 +95,7 @@ def test_dat_that_ends_within_an_event_is_an_error(tmp_path):
         load_events(path)
 
 
-@pytest.mark.parametrize(
-    ("kind", "files"), [pytest.param("aedat4", 4, marks=pytest.mark.slow), ("es", 2)]
-)
+@pytest.mark.parametrize(("kind", "files"), [("aedat4", 4), ("es", 2)])
 def test_damage_ends_no_process(kind, files, tmp_path):
     """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
     path = write(tmp_path, kind, random_events(200, width=300, height=200, mean_us=30))

@@ -154,9 +154,8 @@ def tables_in_code():
     return found
 
 
-@pytest.mark.parametrize(
-    "screen", ["40", *(pytest.param(s, marks=pytest.mark.slow) for s in ("80", "pipe"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("screen", SCREENS)
 def test_no_table_shortens_a_word(clip, finished_run, screen):
     """Promise: users can copy names from any table; the test covers every table of the code."""
     seen = set()

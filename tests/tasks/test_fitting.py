@@ -714,6 +714,7 @@ def test_too_few_events_do_not_choose_a_dark_level(tmp_path):
         fit_recording(few, Evidence(frames=frames))
 
 
+@pytest.mark.slow
 def test_a_shift_of_the_clock_is_not_a_filter(eres, tmp_path):
     """Promise: frames that are stamped 3 ms early, of a sensor without a delay, give a bound of the
     cutoff and no poles, and the sentence with the shift is in the file too; the printed option

@@ -415,6 +415,7 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
     assert "expected tcp://HOST:PORT" in error
 
 
+@pytest.mark.slow
 def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
     """What the left camera sees at depth z, the right one sees f b / z farther left at depth z."""
     (folder,) = make_dataset(PAIR, tmp_path / "data", 1)

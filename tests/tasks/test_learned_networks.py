@@ -563,6 +563,7 @@ def test_weights_identify_the_rows(saved):
     assert code_of(["e2vid"], weights) != before
 
 
+@pytest.mark.slow
 def test_e2vid_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
     """Promise: `--weights` and the weights of a study reach the network; the error for a file of
     another network is one line."""
