@@ -1,5 +1,5 @@
 # make demo    set everything up, run the quick study, say where its report is
-# make test    set everything up, run the tests
+# make test    set everything up, run the tests; test-networks and test-slow run the others
 # make docs    set everything up, build the documentation site into build/docs
 # make answers write which resolution is enough, from docs/results/paper, into README and docs
 # make constraints  take the newest packages, write their versions into constraints.txt
@@ -12,7 +12,7 @@ INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile $
 # Python may keep its bytecode in .venv and in __pycache__, or each process would compile it again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow docs answers lint format bench clean constraints
+.PHONY: demo test test-networks test-slow docs answers lint format bench clean constraints
 
 demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
@@ -21,7 +21,13 @@ demo: .venv/.ready .venv/.llvm
 test: .venv/.bytecode .venv/.llvm
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
-test-slow: .venv/.bytecode .venv/.llvm .venv/.chromium
+# Without PyTorch, `make test` skips these.
+test-networks: .venv/.learned .venv/.llvm
+	$(BIN)/pytest -q -n 2 --dist loadfile tests/tasks/test_datasets.py tests/tasks/test_firenet.py \
+	  tests/tasks/test_learned_networks.py tests/tasks/test_random_crops.py \
+	  tests/tasks/test_training.py tests/test_damaged_files.py
+
+test-slow: .venv/.learned .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -m slow
 
 docs: .venv/.docs
@@ -82,7 +88,7 @@ TORCH := torch==2.13.0+cpu
 	@touch $@
 
 # All packages at once, on all cores; otherwise each process of the tests would compile them anew.
-.venv/.bytecode: .venv/.learned
+.venv/.bytecode: .venv/.dev
 	@$(BIN)/python -m compileall -q -j 0 .venv/lib >/dev/null || true  # some packages have templates
 	@touch $@
 

@@ -89,6 +89,7 @@ def test_a_disk_without_locks_is_named(tmp_path, monkeypatch):
         pass
 
 
+@pytest.mark.slow
 def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
     """Promise: of three processes that take turns with a lock, only one is inside at a time."""
     code = (

@@ -211,6 +211,7 @@ def test_clips_of_any_length_are_measured(renderer):
         measure_noise(renderer, [short], 0.5, contrast_threshold=0)
 
 
+@pytest.mark.slow
 def test_light_without_noise_has_no_false_events(tmp_path):
     """A closed box that glows evenly and reflects nothing looks the same in every direction."""
     folder = room_folder(tmp_path / "glow")

@@ -98,7 +98,7 @@ def test_no_frame_is_rendered_from_what_is_no_pose(dots):
         Renderer(dots, 16, 1, integrator="pathh")
 
 
-@pytest.mark.parametrize("integrator", ["baked", "path"])
+@pytest.mark.parametrize("integrator", ["baked", pytest.param("path", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("size", [(256, 256), (320, 180)])
 def test_bright_dots_land_where_the_camera_model_projects_them(dots, size, integrator):
     """Centroids agree with `Camera.project` to 0.1 px, so that no axis is flipped."""
@@ -231,6 +231,7 @@ def killed(small_carpet, tmp_path_factory):
     return printed, clip
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
 def test_one_core_renders_the_same_frame_and_white(killed, renderer, pose):
     """Another process on a single core gets the same bits, and Mitsuba does not lock up."""
@@ -257,6 +258,7 @@ def test_a_clip_holds_what_was_asked_for(uninterrupted, renderer):
     ]
 
 
+@pytest.mark.slow
 def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
     killed, renderer, uninterrupted
 ):

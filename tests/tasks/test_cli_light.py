@@ -55,6 +55,7 @@ def room_clip(room, tmp_path_factory):
     return clip.folder
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unmeasured_noise")
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     """Promise: any Mitsuba file with poses renders; info and truth describe the result."""
@@ -95,6 +96,7 @@ FILMED = """<sensor type="perspective"><float name="fov" value="50"/>
 <sampler type="independent"><integer name="sample_count" value="5"/></sampler></sensor>"""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unmeasured_noise")
 def test_a_mitsuba_file_has_its_own_size_and_samples(eres, tmp_path, monkeypatch, caplog):
     """Promise: film and sampler decide unless told otherwise, with samples rounded up to a square;
@@ -171,6 +173,7 @@ KALIBR = """cam0:
 """
 
 
+@pytest.mark.slow
 def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, small_carpet, tmp_path):
     """Promise: size, focal lengths and lens come from the file; sequence, info, truth and events
     have them, half a pixel from Kalibr's; tracking, which needs a pinhole, refuses the lens."""
@@ -256,6 +259,7 @@ def test_truth_replaces_truth_only_when_told(eres, room_clip, tmp_path):
     assert (clip / "poses.txt").read_bytes() == poses
 
 
+@pytest.mark.slow
 def test_convergence_prints_each_setting(eres, room):
     code, out, _ = eres("convergence", room, "--resolution", "12", "--duration", "0.005")
     assert code == 0

@@ -650,6 +650,7 @@ def test_a_dark_level_that_is_only_bounded_is_the_cameras(tmp_path):
     inside(found.thresholds.on, 0.2)
 
 
+@pytest.mark.slow
 def test_the_command_completes_a_camera(eres, tmp_path):
     """Promise: the values of --sensor stay where the recording shows none; what was measured
     replaces them, and with the cutoff goes the light in which the old one held; frames may be

@@ -305,6 +305,7 @@ class Overwriting(Blank):
             column[...] = 1
 
 
+@pytest.mark.slow
 def test_a_method_may_change_what_it_gets(scene_folder, tmp_path, monkeypatch):
     """Promise: a method that changes its sample in place changes no score of another method, of the
     baseline or of another sensor."""

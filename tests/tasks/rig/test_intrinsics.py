@@ -12,6 +12,7 @@ from sensor.formats import write_events
 from tasks.errors import RigError
 from tasks.rig.intrinsics import Board, calibrate, find_board, intrinsics
 
+pytestmark = pytest.mark.slow
 BOARD = Board(7, 5, 0.03)
 TRUTH = Camera(160, 128, fx=150.0, fy=151.0, cx=83.0, cy=61.0, distortion=Distortion(k1=-0.15))
 VIEWS = [  # turns in degrees, distance in m

@@ -52,6 +52,7 @@ from tasks.rig.slider import Slider, read_slider, slider_text
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
+pytestmark = pytest.mark.slow
 RIG = """
 camera = {width = 200, height = 150, fx = 260.0, cx = 104.0, cy = 71.0}
 
@@ -223,7 +224,6 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     assert solved.covariance == frames_solved.covariance
 
 
-@pytest.mark.slow
 def test_a_crop_tells_cutoff_and_latency(made, tmp_path, eres):
     """Promise: views of the page from the solved poses are light in known motion: the sensor's
     cutoff and its latency of 0 are within the camera's bounds, which are no more than bounds as
