@@ -315,6 +315,7 @@ def test_an_edited_method_does_not_run_as_it_was(tmp_path, monkeypatch):
     assert code_of(["edited_later:estimate"]) != before
 
 
+@pytest.mark.slow
 def test_two_names_of_one_scene(scene_folder, tmp_path):
     """Promise: a study has each scene once, as its content identifies jobs; a copy of a folder has
     its own frames and its own name in the rows, also in the folder of a run on the other."""

@@ -149,11 +149,6 @@ def test_help_lists_the_commands_in_short(eres):
         (["report", "{tmp}/none"], 1, "none/rows.parquet: no such file"),
         (["info", "{tmp}/none"], 1, "none"),
         (["bake", "nowhere"], 1, "nowhere"),
-        (
-            ["train", "flow", "--config", "trial", "--out", "{tmp}/file"],
-            1,
-            "file: found a file, exp",
-        ),
         (["studdy"], 2, "studdy"),
         (["study"], 2, "--out"),
         (["render", "carpet", "--out", "{tmp}/r", "--spp", "many"], 2, "many"),

@@ -124,6 +124,7 @@ def test_a_mitsuba_file_has_its_own_size_and_samples(eres, tmp_path, monkeypatch
         assert (code, f"continuous: found a sequence with {said}" in err) == (1, True)
 
 
+@pytest.mark.slow
 def test_frames_of_any_shape_from_render_to_scores(eres, small_carpet, tmp_path):
     """Promise: events, truth and scores of wide frames, at a width that does not divide theirs; an
     error of a sensor that is too fine tells the frames from what it sees of them."""

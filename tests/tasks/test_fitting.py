@@ -571,7 +571,8 @@ def test_all_parameters_come_back_in_their_intervals(eres, tmp_path, dark):
     assert camera.photoreceptor == "two_pole"
 
 
-@pytest.mark.parametrize("option", [(), pytest.param(("--dark", 1e-2), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("option", [(), ("--dark", 1e-2)])
 def test_a_fitted_camera_gives_the_counts_back(eres, tmp_path, option):
     """Promise: fit, then simulate with the file alone: the numbers of events at a dark level of 1 %
     of white are those of the recording, with the level given or found."""

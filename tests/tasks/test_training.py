@@ -609,6 +609,17 @@ def test_a_dry_run_of_a_training_only_tells_what_it_takes(eres, tmp_path, monkey
     assert not (tmp_path / "new").exists()
 
 
+def test_a_file_is_no_folder_of_a_training(eres, tmp_path, monkeypatch):
+    """Promise: one line that says so, and the file stays as it is."""
+    monkeypatch.setitem(FLOWS, "trial", FlowTraining())
+    (tmp_path / "file").write_text("in the way")
+    code, out, err = eres("train", "flow", "--config", "trial", "--out", tmp_path / "file")
+    assert (code, out) == (1, "")
+    assert err.startswith("error: ")
+    assert "file: found a file, exp" in err
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
 def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
     """Promise: a finished run's scores, and a card with data, time, code, scores, limits."""
     folder, _, _ = run
