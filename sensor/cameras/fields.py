@@ -29,18 +29,15 @@ def _fall(percent: float) -> float:
     return -math.log1p(-percent / 100) if percent < 100 else math.inf
 
 
+# Those with several names; any other is its own.
 _UNITS: dict[str, dict[str, Convert]] = {
-    "number": {"1": float},
     "share": {"1": _times(1), "%": _times(1e-2)},
     "log": {"log": _times(1), "%": _times(1e-2)},
     "log of ON": {"log": _times(1), "%": _rise},
     "log of OFF": {"log": _times(1), "%": _fall},
     "Hz": {"Hz": _times(1), "kHz": _times(1e3)},
     "s": {"s": _times(1), "ms": _times(1e-3), "us": _times(1e-6)},
-    "px": {"px": float},
-    "um": {"um": _times(1)},
     "lux": {"lux": _times(1), "klux": _times(1e3)},
-    "events": {"events": float},
     "Mev/s": {"Mev/s": _times(1e6), "ev/s": _times(1)},
 }
 _SUFFIXES = {"hz": "Hz", "s": "s", "um": "um", "lux": "lux"}  # of fields
@@ -129,9 +126,11 @@ def keys_of(described: type) -> dict[str, Key]:
         if each.name in BOUNDS:
             facts["least"], facts["most"], _ = BOUNDS[each.name]
         name, _, suffix = each.name.rpartition("_")
-        unit = each.metadata["unit"] or _SUFFIXES.get(suffix, "number")
+        unit = each.metadata["unit"] or _SUFFIXES.get(suffix, "1")
         name = each.metadata["key"] or (name if suffix in _SUFFIXES else each.name)
-        keys[name] = Key(field=each.name, default=each.default, units=_UNITS[unit], **facts)
+        keys[name] = Key(
+            field=each.name, default=each.default, units=_UNITS.get(unit, {unit: float}), **facts
+        )
     return keys
 
 

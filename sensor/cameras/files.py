@@ -279,12 +279,12 @@ def write_camera(file: str | Path, camera: EventCamera, *, overwrite: bool = Tru
             continue
         text = _text(facts["value"])
         if facts["source"]:
-            skipped = {"value", "kind"} if facts["kind"] == "bound" else set()
-            told = {fact: value for fact, value in facts.items() if fact not in skipped}
-            inner = [
-                f"{fact} = {_text(value)}" for fact, value in told.items() if value not in ("", [])
+            if facts["kind"] == "bound":
+                facts |= {"value": "", "kind": ""}
+            told = [
+                f"{fact} = {_text(facts[fact])}" for fact in facts if facts[fact] not in ("", [])
             ]
-            text = f"{{ {', '.join(inner)} }}"
+            text = f"{{ {', '.join(told)} }}"
         lines.append(f"{name} = {text}")
     with new_file(Path(file), overwrite=overwrite) as new:
         new.write_text("\n".join(lines) + "\n", encoding="utf-8")

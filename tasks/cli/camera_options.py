@@ -104,9 +104,8 @@ class CameraOptions:
         given = self.given
         if {"lux", "cutoff"} <= {*given}:
             raise TaskError("give --lux or --cutoff, not both")
-        words = {name: name for name in ("electronics", *KEYS) if name != "cutoff"}
-        words["sensor"] = "base"
-        camera = camera_of({words[name]: given[name] for name in given if name in words})
+        words = {"sensor": "base"} | {name: name for name in ("electronics", *KEYS)}
+        camera = camera_of({words[k]: given[k] for k in given if k in words and k != "cutoff"})
         if camera.width is not None:
             if self.resolution is not None:
                 raise TaskError(
