@@ -22,12 +22,12 @@ test: .venv/.bytecode .venv/.llvm
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 # Without PyTorch, `make test` skips these.
-test-networks: .venv/.learned .venv/.llvm
+test-networks: .venv/.learned .venv/.bytecode .venv/.llvm
 	$(BIN)/pytest -q -n 2 --dist loadfile tests/tasks/test_datasets.py tests/tasks/test_firenet.py \
 	  tests/tasks/test_learned_networks.py tests/tasks/test_random_crops.py \
 	  tests/tasks/test_training.py tests/test_damaged_files.py
 
-test-slow: .venv/.learned .venv/.llvm .venv/.chromium
+test-slow: .venv/.learned .venv/.bytecode .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -m slow
 
 docs: .venv/.docs

@@ -87,6 +87,7 @@ class EventCamera:
         night. It holds in `illuminance_lux`, or in any light if that is None.
     cutoff_follows_light
         Whether a pixel's cutoff is proportional to its own light. White has the camera's.
+        With the photoreceptor "v2e" it always is.
     illuminance_lux
         Light on the scene for which cutoff and shot noise hold.
     like
@@ -232,7 +233,8 @@ class EventCamera:
         """Return the camera with another threshold of ON events, log units, in which that of OFF
         events keeps its ratio to it."""
         off = self.contrast_threshold_off
-        off = off and off * contrast_threshold / self.contrast_threshold
+        if off is not None:
+            off = off * contrast_threshold / self.contrast_threshold
         return replace(self, contrast_threshold=contrast_threshold, contrast_threshold_off=off)
 
     def with_electronics(self, other: EventCamera) -> EventCamera:

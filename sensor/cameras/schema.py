@@ -40,7 +40,7 @@ def _property(name: str, key: Key) -> dict[str, Any]:
     if key.part == "name":
         return {"description": described, **bare}
     if name == "bus":
-        cameras = [name for name in camera_names() if find_camera(name).bus_hz < math.inf]
+        cameras = [each for each in camera_names() if find_camera(each).bus_hz < math.inf]
         buses = {"enum": [UNLIMITED, *cameras]}
         bare, in_table = {"anyOf": [bare, buses]}, {"anyOf": [in_table, buses]}
     facts = {"value": in_table}
@@ -65,6 +65,10 @@ def _value(key: Key, scale: float | None) -> dict[str, Any]:
         return schema
     if scale is None:
         return schema | {"minimum": 0}
-    least = "exclusiveMinimum" if key.least == POSITIVE else "minimum"
-    schema[least] = 0 if key.least == POSITIVE else key.kind(key.least / scale)
-    return schema | ({"maximum": key.kind(key.most / scale)} if key.most < FINITE else {})
+    if key.least == POSITIVE:
+        schema["exclusiveMinimum"] = 0
+    else:
+        schema["minimum"] = key.kind(key.least / scale)
+    if key.most < FINITE:
+        schema["maximum"] = key.kind(key.most / scale)
+    return schema
